@@ -1,0 +1,160 @@
+//! The one error type of the library.
+//!
+//! Every message names the file or setting it is about, what was found there,
+//! what was expected, and what to do next. The library returns errors and
+//! never prints them; the command line maps [`Error::kind`] to an exit code.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Result with this crate's [`Error`].
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// Everything that can go wrong in the library.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The operating system refused to read a file or folder.
+    #[error("{}: cannot read it: {source}", path.display())]
+    Read {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's own reason.
+        source: io::Error,
+    },
+    /// The operating system refused to write a file or folder.
+    #[error("{}: cannot write it: {source}; check that the folder exists, is writable and has free space", path.display())]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's own reason.
+        source: io::Error,
+    },
+    /// A file's content is not what its format or the method needs.
+    #[error("{}: found {found}, expected {expected}; {remedy}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is there.
+        found: String,
+        /// What should be there.
+        expected: String,
+        /// What the user can do.
+        remedy: String,
+    },
+    /// A setting (config key or flag) has an unusable value.
+    #[error("{key}: found {found}, expected {expected}; {remedy}")]
+    Setting {
+        /// Config key or flag, as the user writes it.
+        key: String,
+        /// What is there.
+        found: String,
+        /// What should be there.
+        expected: String,
+        /// What the user can do.
+        remedy: String,
+    },
+    /// Input that is readable but cannot be worked with (too few scans, mismatched features, …).
+    #[error("{subject}: found {found}, expected {expected}; {remedy}")]
+    Input {
+        /// The scan, set of scans, or argument.
+        subject: String,
+        /// What is there.
+        found: String,
+        /// What should be there.
+        expected: String,
+        /// What the user can do.
+        remedy: String,
+    },
+    /// The output place is already taken.
+    #[error("{}: already holds a result; pass --force to replace it or choose another folder with --output", path.display())]
+    OutputExists {
+        /// The output file or folder.
+        path: PathBuf,
+    },
+    /// The user asked to stop.
+    #[error("interrupted during {stage}; nothing half-written was left behind")]
+    Interrupted {
+        /// The stage that was running.
+        stage: String,
+    },
+}
+
+/// Coarse class of an [`Error`], for exit codes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ErrorKind {
+    /// Files or scans that cannot be used.
+    Input,
+    /// A setting that cannot be used.
+    Setting,
+    /// Output that cannot be written.
+    Output,
+    /// Stopped by the user.
+    Interrupted,
+}
+
+impl Error {
+    /// The class this error belongs to.
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Error::Read { .. } | Error::File { .. } | Error::Input { .. } => ErrorKind::Input,
+            Error::Setting { .. } => ErrorKind::Setting,
+            Error::Write { .. } | Error::OutputExists { .. } => ErrorKind::Output,
+            Error::Interrupted { .. } => ErrorKind::Interrupted,
+        }
+    }
+
+    /// A file whose content is not usable.
+    pub fn file(
+        path: impl AsRef<Path>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Error::File {
+            path: path.as_ref().to_path_buf(),
+            found: found.into(),
+            expected: expected.into(),
+            remedy: remedy.into(),
+        }
+    }
+
+    /// A config key or flag whose value is not usable.
+    pub fn setting(
+        key: impl Into<String>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Error::Setting {
+            key: key.into(),
+            found: found.into(),
+            expected: expected.into(),
+            remedy: remedy.into(),
+        }
+    }
+
+    /// Scans or features that are readable but not usable.
+    pub fn input(
+        subject: impl Into<String>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Error::Input {
+            subject: subject.into(),
+            found: found.into(),
+            expected: expected.into(),
+            remedy: remedy.into(),
+        }
+    }
+
+    /// A read that the system refused.
+    pub fn read(path: impl AsRef<Path>, source: io::Error) -> Self {
+        Error::Read { path: path.as_ref().to_path_buf(), source }
+    }
+
+    /// A write that the system refused.
+    pub fn write(path: impl AsRef<Path>, source: io::Error) -> Self {
+        Error::Write { path: path.as_ref().to_path_buf(), source }
+    }
+}

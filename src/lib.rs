@@ -1,0 +1,11 @@
+//! Registration of an unordered pile of partially overlapping 3-D scans.
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
+
+pub mod error;
+pub mod geometry;
+pub mod monitor;
+pub mod scan;
+
+pub use error::{Error, ErrorKind, Result};
+pub use monitor::{Monitor, Silent};

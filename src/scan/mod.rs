@@ -1,0 +1,15 @@
+//! The types that flow between stages.
+
+mod cloud;
+mod features;
+mod reconstruction;
+mod similarity;
+mod surface;
+mod truth;
+
+pub use cloud::{PointCloud, Scan, ScanId};
+pub use features::{Descriptors, Features};
+pub use reconstruction::{DeclineReason, NeighbourEvidence, Outcome, Placement, Reconstruction};
+pub use similarity::SimilarityMatrix;
+pub use surface::Surface;
+pub use truth::PairTruth;

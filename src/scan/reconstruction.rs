@@ -1,0 +1,145 @@
+//! What a registration concludes about every scan.
+
+use super::ScanId;
+use crate::geometry::RigidMotion;
+use serde::{Deserialize, Serialize};
+
+/// Agreement of a placed scan with one other placed scan, measured at the final poses.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NeighbourEvidence {
+    /// The other scan.
+    pub scan: ScanId,
+    /// Two-way share of keypoints with a counterpart within τ, in `[0, 1]`.
+    pub overlap: f64,
+    /// Root mean square distance of those pairs, metres.
+    pub residual_m: f64,
+}
+
+/// A scan with a pose, and what speaks for it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Placement {
+    /// Pose in the frame of its component.
+    pub world_from_scan: RigidMotion,
+    /// Component it belongs to; poses of different components are unrelated.
+    pub component: usize,
+    /// Growth step at which it joined, 0 for the pivot of its component.
+    pub step: usize,
+    /// Placed scan that shares the most inliers with it; `None` for a pivot.
+    pub parent: Option<ScanId>,
+    /// Mutual descriptor matches with the meta-shape.
+    pub matches: usize,
+    /// Matches within τ under the pose.
+    pub inliers: usize,
+    /// Root mean square distance of the inlier matches, metres.
+    pub residual_m: f64,
+    /// Agreement with every placed scan it touches.
+    pub neighbours: Vec<NeighbourEvidence>,
+}
+
+impl Placement {
+    /// Inliers over matches, 0 when there was no match.
+    pub fn inlier_ratio(&self) -> f64 {
+        if self.matches == 0 { 0.0 } else { self.inliers as f64 / self.matches as f64 }
+    }
+}
+
+/// Why a scan has no pose.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "reason", rename_all = "kebab-case")]
+pub enum DeclineReason {
+    /// Its best registration had too few inliers to be told from chance.
+    TooFewInliers {
+        /// Inliers of the best attempt.
+        inliers: usize,
+        /// Inliers that would have been needed.
+        needed: usize,
+        /// Mutual matches of the best attempt.
+        matches: usize,
+    },
+    /// Its best registration is contradicted by the scans' geometry.
+    Contradicted {
+        /// Inliers of the best attempt.
+        inliers: usize,
+        /// What contradicts it, in words.
+        detail: String,
+    },
+    /// It has too few keypoints to be registered at all.
+    TooFewKeypoints {
+        /// Keypoints found.
+        keypoints: usize,
+        /// Keypoints needed.
+        needed: usize,
+    },
+    /// Its shape does not fix a pose (all points on one plane or line).
+    Degenerate {
+        /// What it looks like, in words.
+        detail: String,
+    },
+}
+
+impl std::fmt::Display for DeclineReason {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            DeclineReason::TooFewInliers { inliers, needed, matches } => {
+                write!(f, "best attempt had {inliers} inliers of {matches} matches, {needed} needed")
+            }
+            DeclineReason::Contradicted { inliers, detail } => {
+                write!(f, "best attempt ({inliers} inliers) contradicted: {detail}")
+            }
+            DeclineReason::TooFewKeypoints { keypoints, needed } => {
+                write!(f, "only {keypoints} keypoints, {needed} needed")
+            }
+            DeclineReason::Degenerate { detail } => write!(f, "shape does not fix a pose: {detail}"),
+        }
+    }
+}
+
+/// The verdict on one scan.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Outcome {
+    /// It has a pose.
+    Placed(Placement),
+    /// It has none.
+    Declined(DeclineReason),
+}
+
+impl Outcome {
+    /// The placement, if there is one.
+    pub fn placement(&self) -> Option<&Placement> {
+        match self {
+            Outcome::Placed(p) => Some(p),
+            Outcome::Declined(_) => None,
+        }
+    }
+}
+
+/// The result of a registration: one outcome a scan, in the order of the input.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Reconstruction {
+    /// Outcome of scan `i` at index `i`.
+    pub outcomes: Vec<Outcome>,
+}
+
+impl Reconstruction {
+    /// Pose of a scan, if placed.
+    pub fn world_from_scan(&self, scan: ScanId) -> Option<&RigidMotion> {
+        self.outcomes.get(scan.0)?.placement().map(|p| &p.world_from_scan)
+    }
+
+    /// Relative pose `i_from_j`, if both are placed in one component.
+    pub fn relative(&self, i: ScanId, j: ScanId) -> Option<RigidMotion> {
+        let a = self.outcomes.get(i.0)?.placement()?;
+        let b = self.outcomes.get(j.0)?.placement()?;
+        (a.component == b.component).then(|| a.world_from_scan.inverse() * b.world_from_scan)
+    }
+
+    /// Number of placed scans.
+    pub fn placed(&self) -> usize {
+        self.outcomes.iter().filter(|o| o.placement().is_some()).count()
+    }
+
+    /// Number of components, largest first.
+    pub fn components(&self) -> usize {
+        self.outcomes.iter().filter_map(|o| o.placement()).map(|p| p.component + 1).max().unwrap_or(0)
+    }
+}

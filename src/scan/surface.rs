@@ -1,0 +1,24 @@
+//! A scan thinned to the working resolution, with normals.
+
+use crate::geometry::{Direction, Point};
+
+/// Points of one scan at the working voxel size with unit normals turned to the viewpoint.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Surface {
+    /// `[n,3]`, metres, in the scan's frame.
+    pub points: Vec<Point>,
+    /// `[n,3]` unit normals; the zero vector where the neighbourhood fixes none.
+    pub normals: Vec<Direction>,
+}
+
+impl Surface {
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// True when there is no point.
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+}
