@@ -2,6 +2,9 @@
 
 pub mod config;
 pub mod estimate;
+pub mod evidence;
+pub mod growth;
+pub mod incremental;
 pub mod joint;
 pub mod matching;
 pub mod meta_shape;
