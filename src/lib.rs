@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+pub mod descriptor;
 pub mod error;
 pub mod geometry;
 pub mod monitor;
