@@ -4,6 +4,7 @@
 
 pub mod error;
 pub mod geometry;
+pub mod io;
 pub mod monitor;
 pub mod scan;
 

@@ -1,0 +1,27 @@
+//! Reading scans, features, poses and data sets; writing clouds and poses.
+//!
+//! One file per format. [`read_cloud`] reads any cloud, [`discover`] finds the
+//! files, [`read_scans`] reads many; everything that is written goes through
+//! [`atomic::write`].
+
+mod assemble;
+pub mod atomic;
+mod cloud;
+pub mod depth;
+mod discover;
+#[cfg(feature = "e57")]
+mod e57;
+#[cfg(feature = "las")]
+mod las;
+mod lzf;
+mod npy;
+mod pcd;
+mod ply;
+mod ply_header;
+mod scalar;
+mod scans;
+mod text;
+
+pub use cloud::read_cloud;
+pub use discover::{discover, scan_files};
+pub use scans::{read_scans, unique_names};
