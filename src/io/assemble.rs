@@ -103,12 +103,19 @@ mod tests {
 
     #[test]
     fn a_wild_row_does_not_move_the_cloud_and_non_finite_rows_are_counted() {
-        let rows =
-            [[1e30, 0.0, 0.0], [1.0, 2.0, 3.0], [f64::NAN, 0.0, 0.0], [4.0, 5.0, 6.0], [1e300, 0.0, 0.0]];
-        let cloud = assemble(5, |i| rows[i], Some(|i: usize| [i as u8; 3]), None);
+        let rows = [
+            [1e30, 0.0, 0.0],
+            [1.0, 2.0, 3.0],
+            [f64::NAN, 0.0, 0.0],
+            [4.0, 5.0, 6.0],
+            [1e300, 0.0, 0.0],
+            [7.0, 8.0, 9.0],
+        ];
+        let cloud = assemble(6, |i| rows[i], Some(|i: usize| [i as u8; 3]), None);
         assert_eq!(cloud.origin_m, Vector3::zeros());
-        assert_eq!(cloud.points[1..], [Point::new(1.0, 2.0, 3.0), Point::new(4.0, 5.0, 6.0)]);
-        assert_eq!(cloud.colors, Some(vec![[0; 3], [1; 3], [3; 3]]));
+        let kept = [[1e30, 0.0, 0.0], [1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]];
+        assert_eq!(cloud.points, kept.map(Point::from));
+        assert_eq!(cloud.colors, Some(vec![[0; 3], [1; 3], [3; 3], [5; 3]]));
         assert_eq!(cloud.dropped_rows, 2);
     }
 
