@@ -5,6 +5,7 @@
 pub mod descriptor;
 pub mod error;
 pub mod geometry;
+pub mod io;
 pub mod monitor;
 pub mod registration;
 pub mod scan;
