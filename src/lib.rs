@@ -6,6 +6,7 @@ pub mod error;
 pub mod geometry;
 pub mod monitor;
 pub mod scan;
+pub mod synthetic;
 
 pub use error::{Error, ErrorKind, Result};
 pub use monitor::{Monitor, Silent};
