@@ -9,6 +9,7 @@ pub mod io;
 pub mod monitor;
 pub mod registration;
 pub mod scan;
+pub mod synthetic;
 
 pub use error::{Error, ErrorKind, Result};
 pub use monitor::{Monitor, Silent};
