@@ -8,6 +8,7 @@ pub mod geometry;
 pub mod io;
 pub mod monitor;
 pub mod registration;
+pub mod retrieval;
 pub mod scan;
 pub mod synthetic;
 
