@@ -1,6 +1,7 @@
 //! Tests of whole synthetic sets.
 
 use super::*;
+use crate::geometry::neighbours::RadiusGrid;
 use crate::geometry::overlap::two_way_overlap;
 use crate::monitor::Silent;
 
@@ -13,8 +14,17 @@ fn relative(set: &SyntheticSet, i: ScanId, j: ScanId) -> RigidMotion {
 }
 
 fn overlap(set: &SyntheticSet, i: ScanId, j: ScanId) -> crate::geometry::overlap::Overlap {
-    let (a, b) = (&set.scans[i.0].cloud.points, &set.scans[j.0].cloud.points);
-    two_way_overlap(a, b, &relative(set, i, j), 0.05)
+    overlap_at(set, i, j, &relative(set, i, j))
+}
+
+fn overlap_at(
+    set: &SyntheticSet,
+    i: ScanId,
+    j: ScanId,
+    i_from_j: &RigidMotion,
+) -> crate::geometry::overlap::Overlap {
+    let grid = |k: ScanId| RadiusGrid::new(&set.scans[k.0].cloud.points, 0.05);
+    two_way_overlap(&grid(i), &grid(j), i_from_j)
 }
 
 #[test]
@@ -30,8 +40,7 @@ fn scans_that_follow_each_other_overlap_as_stated() {
         // Under a wrong pose the truth would be told apart: 20 cm off, the overlap drops.
         let (i, j) = (set.walk[0], set.walk[1]);
         let off = RigidMotion::translation(0.12, 0.12, 0.12) * relative(&set, i, j);
-        let (a, b) = (&set.scans[i.0].cloud.points, &set.scans[j.0].cloud.points);
-        assert!(two_way_overlap(a, b, &off, 0.05).ratio < 0.8 * overlap(&set, i, j).ratio);
+        assert!(overlap_at(&set, i, j, &off).ratio < 0.8 * overlap(&set, i, j).ratio);
     }
 }
 
