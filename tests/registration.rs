@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use scanweave::geometry::rigid::{rotation_error_rad, translation_error_m};
 use scanweave::geometry::{Direction, Point, RigidMotion};
 use scanweave::registration::config::{EstimatorKind, MergeRule, Ordering, RegistrationConfig};
-use scanweave::registration::incremental::{ScanInput, register};
+use scanweave::registration::incremental::{Lengths, ScanInput, register};
 use scanweave::scan::{
     DeclineReason, Descriptors, Features, Outcome, Reconstruction, ScanId, SimilarityMatrix, Surface,
 };
@@ -18,6 +18,7 @@ use scanweave::{Monitor, Silent};
 
 const DIM: usize = 16;
 const RADIUS_M: f64 = 0.07;
+const LENGTHS: Lengths = Lengths { inlier_radius_m: RADIUS_M, voxel_m: 0.025 };
 
 struct World {
     features: Vec<Features>,
@@ -88,7 +89,7 @@ impl World {
             .zip(&self.surfaces)
             .map(|(features, surface)| ScanInput { features, surface })
             .collect();
-        register(&inputs, &self.flat_similarity(), config, RADIUS_M, seed, &Silent).unwrap()
+        register(&inputs, &self.flat_similarity(), config, LENGTHS, seed, &Silent).unwrap()
     }
 
     fn assert_relative_poses(&self, result: &Reconstruction, scans: std::ops::Range<usize>) {
@@ -107,6 +108,8 @@ fn without_joint_refinement() -> RegistrationConfig {
     // The made-up worlds are volumes of random points: they have no surface to refine on.
     let mut config = RegistrationConfig::default();
     config.joint.enabled = false;
+    config.evidence.surfaces = false;
+    config.evidence.min_inliers = 12;
     config
 }
 
@@ -246,7 +249,7 @@ fn a_cancelled_run_says_where_it_stopped() {
         .map(|(features, surface)| ScanInput { features, surface })
         .collect();
     let config = RegistrationConfig::default();
-    let stopped = register(&inputs, &world.flat_similarity(), &config, RADIUS_M, 7, &Stop);
+    let stopped = register(&inputs, &world.flat_similarity(), &config, LENGTHS, 7, &Stop);
     assert_eq!(
         stopped.unwrap_err().to_string(),
         "interrupted during registration; nothing half-written was left behind"
@@ -271,7 +274,7 @@ fn features_of_different_dimension_are_refused() {
         .map(|(features, surface)| ScanInput { features, surface })
         .collect();
     let config = RegistrationConfig::default();
-    let refused = register(&inputs, &world.flat_similarity(), &config, RADIUS_M, 7, &Silent);
+    let refused = register(&inputs, &world.flat_similarity(), &config, LENGTHS, 7, &Silent);
     assert_eq!(
         refused.unwrap_err().to_string(),
         "features of scan 1: found descriptors of dimension 3, expected dimension 16, as in scan 0; \

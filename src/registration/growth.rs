@@ -4,21 +4,21 @@
 
 use super::config::RegistrationConfig;
 use super::estimate::{Hypothesis, estimate};
-use super::evidence;
-use super::incremental::ScanInput;
+use super::evidence::{self, PlacedSurface};
+use super::incremental::{Lengths, ScanInput};
 use super::joint::{JointScan, refine_jointly};
 use super::matching::{Matches, NearestCache};
 use super::meta_shape::MetaShape;
 use super::nearest::Columns;
 use super::refinement::{Registered, average_observations};
 use crate::error::Result;
+use crate::geometry::RigidMotion;
 use crate::geometry::neighbours::RadiusGrid;
 use crate::geometry::overlap::two_way_overlap;
 use crate::geometry::rigid::PointMover;
-use crate::geometry::{Point, RigidMotion};
 use crate::monitor::Monitor;
 use crate::scan::{
-    DeclineReason, NeighbourEvidence, Outcome, Placement, Reconstruction, ScanId, SimilarityMatrix,
+    DeclineReason, NeighbourEvidence, Outcome, Placement, Reconstruction, ScanId, SimilarityMatrix, Support,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -35,20 +35,14 @@ pub struct Attempt {
     pub scan: ScanId,
     /// Its pose by the robust estimate; identity when there is none.
     pub world_from_scan: RigidMotion,
-    /// Mutual matches with the meta-shape.
-    pub matches: usize,
-    /// Matches within τ.
-    pub inliers: usize,
+    /// What speaks for the pose.
+    pub support: Support,
     /// Root mean square distance of the inlier matches, metres.
     pub residual_m: f64,
-    /// Share of the candidate's keypoints near the meta-shape; 0 unless ordering needs it.
-    pub overlap: f64,
     /// Registered scan that the largest part of the inliers comes from.
     pub parent: Option<ScanId>,
-    /// Whether the evidence suffices, and if not why.
-    pub accepted: bool,
-    /// The reason when it does not.
-    pub reason: DeclineReason,
+    /// Why the evidence does not suffice; `None` when it does.
+    pub refusal: Option<DeclineReason>,
 }
 
 /// A scan of the current component.
@@ -76,6 +70,8 @@ pub struct Growth<'a> {
     seed: u64,
     /// Keypoints of every scan, indexed in its own frame with radius τ.
     grids: Vec<RadiusGrid<'a>>,
+    /// Surface points of every scan, indexed likewise; empty where surfaces are not checked.
+    surface_grids: Vec<RadiusGrid<'a>>,
     /// Descriptors of every scan, packed for matching.
     columns: Vec<Columns>,
     /// Scans without an outcome yet.
@@ -98,18 +94,22 @@ impl<'a> Growth<'a> {
         scans: &'a [ScanInput<'a>],
         similarity: &'a SimilarityMatrix,
         config: &'a RegistrationConfig,
-        radius_m: f32,
+        lengths: Lengths,
         seed: u64,
     ) -> Self {
+        let radius_m = lengths.inlier_radius_m as f32;
         let mut refusals: Vec<Option<DeclineReason>> = vec![None; scans.len()];
         let mut remaining = Vec::new();
         for (i, scan) in scans.iter().enumerate() {
-            match evidence::unusable(scan, MIN_KEYPOINTS) {
+            match evidence::unusable(scan, MIN_KEYPOINTS, lengths.voxel_m) {
                 Some(reason) => refusals[i] = Some(reason),
                 None => remaining.push(ScanId(i)),
             }
         }
         let grids = scans.par_iter().map(|s| RadiusGrid::new(&s.features.keypoints, radius_m)).collect();
+        let checked = if config.checks_surfaces() { scans } else { &[] };
+        let surface_grids =
+            checked.par_iter().map(|s| RadiusGrid::new(&s.surface.points, radius_m)).collect();
         let columns = scans.par_iter().map(|s| Columns::new(&s.features.descriptors)).collect();
         Self {
             scans,
@@ -118,6 +118,7 @@ impl<'a> Growth<'a> {
             radius_m,
             seed,
             grids,
+            surface_grids,
             columns,
             remaining,
             meta: None,
@@ -175,22 +176,99 @@ impl<'a> Growth<'a> {
             })
             .collect();
         self.candidates.extend(tried);
-        for attempt in attempts.iter().filter(|a| !a.accepted) {
-            self.refusals[attempt.scan.0] = Some(attempt.reason.clone());
+        for attempt in &attempts {
+            if let Some(reason) = &attempt.refusal {
+                self.refusals[attempt.scan.0] = Some(reason.clone());
+            }
         }
         attempts
     }
 
-    /// The best hypothesis of a candidate with its evidence.
+    /// The best-supported hypothesis of a candidate, with its evidence.
     fn judge(&self, scan: ScanId, candidate: &Candidate, meta: &MetaShape) -> Attempt {
-        let matches = &candidate.matches;
-        let best = candidate.hypotheses.first();
-        let world_from_scan = best.map_or_else(RigidMotion::identity, |h| h.target_from_source);
-        let mover = PointMover::new(&world_from_scan);
+        let placed = self.placed_surfaces();
+        let considered = if placed.is_empty() { 1 } else { self.config.evidence.hypotheses };
+        let assessed = (0..candidate.hypotheses.len().min(considered))
+            .map(|h| (h, self.assess(scan, candidate, h, &placed)))
+            .reduce(|best, next| if next.1.probability > best.1.probability { next } else { best });
+        let Some((chosen, support)) = assessed else {
+            let support = Support { matches: candidate.matches.len(), ..Support::default() };
+            return self.attempt(scan, RigidMotion::identity(), support, 0.0, None);
+        };
+        let world_from_scan = candidate.hypotheses[chosen].target_from_source;
+        let (residual_m, parent) = self.inlier_summary(&candidate.matches, &world_from_scan, meta);
+        self.attempt(scan, world_from_scan, support, residual_m, parent)
+    }
+
+    fn attempt(
+        &self,
+        scan: ScanId,
+        world_from_scan: RigidMotion,
+        support: Support,
+        residual_m: f64,
+        parent: Option<ScanId>,
+    ) -> Attempt {
+        // Fewer inliers than a motion has are no registration under any settings.
+        let refusal = if support.inliers < MIN_KEYPOINTS {
+            Some(DeclineReason::TooFewInliers {
+                inliers: support.inliers,
+                needed: self.config.evidence.min_inliers.max(MIN_KEYPOINTS),
+                matches: support.matches,
+            })
+        } else {
+            evidence::refusal(&support, &self.config.evidence)
+        };
+        Attempt { scan, world_from_scan, support, residual_m, parent, refusal }
+    }
+
+    /// Surfaces of the members; none where surfaces are not checked.
+    fn placed_surfaces(&self) -> Vec<PlacedSurface<'_>> {
+        let members = self.members.iter().filter(|m| m.scan.0 < self.surface_grids.len());
+        members
+            .map(|m| PlacedSurface {
+                surface: self.scans[m.scan.0].surface,
+                grid: &self.surface_grids[m.scan.0],
+                world_from_scan: m.world_from_scan,
+            })
+            .collect()
+    }
+
+    /// Support of hypothesis `h` of a candidate.
+    fn assess(&self, scan: ScanId, candidate: &Candidate, h: usize, placed: &[PlacedSurface<'_>]) -> Support {
+        let hypothesis = &candidate.hypotheses[h];
+        let others = candidate.hypotheses.iter().enumerate().filter(|o| o.0 != h);
+        let mut support = Support {
+            matches: candidate.matches.len(),
+            inliers: hypothesis.inliers,
+            runner_up: others.map(|o| o.1.inliers).max().unwrap_or(0),
+            ..Support::default()
+        };
+        if placed.is_empty() {
+            return support;
+        }
+        let pose = &hypothesis.target_from_source;
+        let fit = evidence::surface_fit(self.scans[scan.0].surface, pose, placed);
+        support.overlap = fit.overlap;
+        support.normal_agreement = fit.normal_agreement;
+        support.plane_residual = fit.plane_residual;
+        if self.config.evidence.surfaces {
+            support.probability = Some(evidence::probability(&support, &self.config.evidence.weights));
+        }
+        support
+    }
+
+    /// RMS distance of the inlier matches, and the member that most of them come from.
+    fn inlier_summary(
+        &self,
+        matches: &Matches,
+        world_from_scan: &RigidMotion,
+        meta: &MetaShape,
+    ) -> (f64, Option<ScanId>) {
+        let mover = PointMover::new(world_from_scan);
         let limit = self.radius_m * self.radius_m;
         let (mut squared, mut inliers) = (0.0f64, 0usize);
         let mut by_scan: BTreeMap<ScanId, usize> = BTreeMap::new();
-        for (m, pair) in matches.pairs.iter().enumerate().take_while(|_| best.is_some()) {
+        for (m, pair) in matches.pairs.iter().enumerate() {
             let d = (mover.point(&matches.source[m]) - matches.target[m]).norm_squared();
             if d <= limit {
                 squared += f64::from(d);
@@ -199,31 +277,7 @@ impl<'a> Growth<'a> {
             }
         }
         let parent = by_scan.iter().max_by_key(|(s, n)| (**n, std::cmp::Reverse(**s))).map(|p| *p.0);
-        let overlap = match self.config.ordering {
-            super::config::Ordering::Overlap => self.share_near_meta_shape(scan, &mover, meta),
-            _ => 0.0,
-        };
-        let needed = evidence::needed_inliers(&self.config.evidence, matches.len());
-        let reason = DeclineReason::TooFewInliers { inliers, needed, matches: matches.len() };
-        Attempt {
-            scan,
-            world_from_scan,
-            matches: matches.len(),
-            inliers,
-            residual_m: if inliers == 0 { 0.0 } else { (squared / inliers as f64).sqrt() },
-            overlap,
-            parent,
-            accepted: best.is_some() && inliers >= needed,
-            reason,
-        }
-    }
-
-    /// Share of a candidate's keypoints with a row of the meta-shape within τ.
-    fn share_near_meta_shape(&self, scan: ScanId, mover: &PointMover, meta: &MetaShape) -> f64 {
-        let grid = RadiusGrid::new(meta.points(), self.radius_m);
-        let keypoints: &[Point] = &self.scans[scan.0].features.keypoints;
-        let near = keypoints.iter().filter(|p| grid.any(&mover.point(p))).count();
-        near as f64 / keypoints.len().max(1) as f64
+        ((squared / inliers.max(1) as f64).sqrt(), parent)
     }
 
     /// The selected scan's pose averaged over what its registered neighbours say.
@@ -295,11 +349,8 @@ impl<'a> Growth<'a> {
     pub fn close_component(&mut self, monitor: &dyn Monitor) -> Result<()> {
         if let [alone] = self.members.as_slice() {
             let scan = alone.scan;
-            let nothing = DeclineReason::TooFewInliers {
-                inliers: 0,
-                needed: evidence::needed_inliers(&self.config.evidence, 0),
-                matches: 0,
-            };
+            let needed = self.config.evidence.min_inliers.max(MIN_KEYPOINTS);
+            let nothing = DeclineReason::TooFewInliers { inliers: 0, needed, matches: 0 };
             self.refusals[scan.0].get_or_insert(nothing);
             self.members.clear();
             return Ok(());
@@ -330,9 +381,10 @@ impl<'a> Growth<'a> {
                     component,
                     step,
                     parent: attempt.and_then(|a| a.parent),
-                    matches: attempt.map_or(0, |a| a.matches),
-                    inliers: attempt.map_or(0, |a| a.inliers),
+                    matches: attempt.map_or(0, |a| a.support.matches),
+                    inliers: attempt.map_or(0, |a| a.support.inliers),
                     residual_m: attempt.map_or(0.0, |a| a.residual_m),
+                    support: attempt.map(|a| a.support),
                     neighbours,
                 });
             }

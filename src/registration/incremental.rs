@@ -18,11 +18,20 @@ pub struct ScanInput<'a> {
     pub surface: &'a Surface,
 }
 
+/// The lengths that the registration works with.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lengths {
+    /// τ: matches and points within it agree, metres.
+    pub inlier_radius_m: f64,
+    /// Spacing of the thinned surfaces, metres.
+    pub voxel_m: f64,
+}
+
 /// Registers all scans: grows a meta-shape from a pivot, scan by scan; scans that fit
 /// nothing of it grow components of their own; what fits nowhere is declined.
 ///
-/// `similarity` is `[N,N]` for the N scans, `inlier_radius_m` is τ. The result depends on
-/// the inputs and `seed` alone, never on the number of threads.
+/// `similarity` is `[N,N]` for the N scans. The result depends on the inputs and `seed`
+/// alone, never on the number of threads.
 ///
 /// # Errors
 /// When the settings or shapes are unusable, or the monitor is cancelled.
@@ -30,14 +39,14 @@ pub fn register(
     scans: &[ScanInput<'_>],
     similarity: &SimilarityMatrix,
     config: &RegistrationConfig,
-    inlier_radius_m: f64,
+    lengths: Lengths,
     seed: u64,
     monitor: &dyn Monitor,
 ) -> Result<Reconstruction> {
     config.validate()?;
     check_shapes(scans, similarity)?;
     monitor.begin("register", scans.len());
-    let mut growth = Growth::new(scans, similarity, config, inlier_radius_m as f32, seed);
+    let mut growth = Growth::new(scans, similarity, config, lengths, seed);
     while let Some(pivot) = growth.most_connected_scan() {
         growth.start_meta_shape(pivot);
         monitor.advance(1);
@@ -54,8 +63,10 @@ pub fn register(
 }
 
 /// Two-stage retrieval: the scans most similar to the meta-shape, then the one among
-/// them that geometry supports best. Goes down the similarity list until one is
-/// sufficiently supported; `None` when no scan left is.
+/// them that geometry supports best.
+///
+/// Goes down the similarity list until a candidate is certain enough; failing that, the
+/// best of all sufficient ones; `None` when no scan left is sufficiently supported.
 fn retrieve_and_verify(
     growth: &mut Growth<'_>,
     config: &RegistrationConfig,
@@ -67,24 +78,32 @@ fn retrieve_and_verify(
         (_, false) => remaining.len().max(1),
         (_, true) => config.shortlist,
     };
+    let mut best: Option<Attempt> = None;
     for shortlist in remaining.chunks(size) {
         monitor.check("registration")?;
-        let attempts = growth.register_pairwise(shortlist);
-        if let Some(best) = attempts.into_iter().filter(|a| a.accepted).reduce(|best, next| {
+        for attempt in growth.register_pairwise(shortlist) {
+            let sufficient = attempt.refusal.is_none();
             // The list is ordered by similarity, then index: a tie keeps the earlier one.
-            if support(&next, config.ordering) > support(&best, config.ordering) { next } else { best }
-        }) {
-            return Ok(Some(best));
+            let better = |b: &Attempt| support(&attempt, config.ordering) > support(b, config.ordering);
+            if sufficient && best.as_ref().is_none_or(better) {
+                best = Some(attempt);
+            }
+        }
+        if best.as_ref().is_some_and(|b| b.support.probability.is_none_or(|p| p >= config.evidence.confident))
+        {
+            break;
         }
     }
-    Ok(None)
+    Ok(best)
 }
 
 /// What decides among candidates.
 fn support(attempt: &Attempt, ordering: Ordering) -> f64 {
+    let inliers = attempt.support.inliers as f64;
     match ordering {
-        Ordering::Inliers | Ordering::Similarity => attempt.inliers as f64,
-        Ordering::Overlap => attempt.overlap,
+        Ordering::Inliers | Ordering::Similarity => inliers,
+        Ordering::Overlap => attempt.support.overlap,
+        Ordering::Probability => attempt.support.probability.unwrap_or(inliers),
     }
 }
 

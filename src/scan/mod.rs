@@ -9,7 +9,7 @@ mod truth;
 
 pub use cloud::{PointCloud, Scan, ScanId};
 pub use features::{Descriptors, Features};
-pub use reconstruction::{DeclineReason, NeighbourEvidence, Outcome, Placement, Reconstruction};
+pub use reconstruction::{DeclineReason, NeighbourEvidence, Outcome, Placement, Reconstruction, Support};
 pub use similarity::SimilarityMatrix;
 pub use surface::Surface;
 pub use truth::PairTruth;

@@ -15,6 +15,25 @@ pub struct NeighbourEvidence {
     pub residual_m: f64,
 }
 
+/// What speaks for the pose at which a scan was registered against the meta-shape.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Support {
+    /// Mutual descriptor matches.
+    pub matches: usize,
+    /// Matches within τ under the pose.
+    pub inliers: usize,
+    /// Inliers of the next distinct hypothesis.
+    pub runner_up: usize,
+    /// Share of the scan's surface within τ of the model, in `[0, 1]`.
+    pub overlap: f64,
+    /// Share of that whose normals agree, in `[0, 1]`.
+    pub normal_agreement: f64,
+    /// Root mean square distance to the model's tangent planes, in units of τ.
+    pub plane_residual: f64,
+    /// Probability that the pose is right; `None` where it was not assessed.
+    pub probability: Option<f64>,
+}
+
 /// A scan with a pose, and what speaks for it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placement {
@@ -32,6 +51,8 @@ pub struct Placement {
     pub inliers: usize,
     /// Root mean square distance of the inlier matches, metres.
     pub residual_m: f64,
+    /// Evidence at the time it joined; `None` for a pivot.
+    pub support: Option<Support>,
     /// Agreement with every placed scan it touches.
     pub neighbours: Vec<NeighbourEvidence>,
 }
@@ -56,12 +77,12 @@ pub enum DeclineReason {
         /// Mutual matches of the best attempt.
         matches: usize,
     },
-    /// Its best registration is contradicted by the scans' geometry.
-    Contradicted {
-        /// Inliers of the best attempt.
-        inliers: usize,
-        /// What contradicts it, in words.
-        detail: String,
+    /// Its best registration is more likely wrong than the settings allow.
+    WeakEvidence {
+        /// What there is.
+        support: Support,
+        /// Probability that would have been needed, in `[0, 1]`.
+        needed: f64,
     },
     /// It has too few keypoints to be registered at all.
     TooFewKeypoints {
@@ -83,9 +104,17 @@ impl std::fmt::Display for DeclineReason {
             DeclineReason::TooFewInliers { inliers, needed, matches } => {
                 write!(f, "best attempt had {inliers} inliers of {matches} matches, {needed} needed")
             }
-            DeclineReason::Contradicted { inliers, detail } => {
-                write!(f, "best attempt ({inliers} inliers) contradicted: {detail}")
-            }
+            DeclineReason::WeakEvidence { support, needed } => write!(
+                f,
+                "best attempt is right with probability {:.2}, {needed:.2} needed \
+                 ({} inliers of {} matches, next {}; overlap {:.2}, normals agree {:.2})",
+                support.probability.unwrap_or(0.0),
+                support.inliers,
+                support.matches,
+                support.runner_up,
+                support.overlap,
+                support.normal_agreement,
+            ),
             DeclineReason::TooFewKeypoints { keypoints, needed } => {
                 write!(f, "only {keypoints} keypoints, {needed} needed")
             }
