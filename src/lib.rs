@@ -5,6 +5,7 @@
 pub mod error;
 pub mod geometry;
 pub mod monitor;
+pub mod registration;
 pub mod scan;
 
 pub use error::{Error, ErrorKind, Result};

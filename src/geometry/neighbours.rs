@@ -77,6 +77,8 @@ pub struct RadiusGrid<'a> {
     radius_m: f32,
     cells: HashMap<[i32; 3], (u32, u32), CellHasher>,
     order: Vec<u32>,
+    /// Box around the points, grown by the radius: nothing outside it has a neighbour.
+    reach: (Point, Point),
 }
 
 #[derive(Default, Clone, Copy)]
@@ -124,7 +126,22 @@ impl<'a> RadiusGrid<'a> {
                 start = i;
             }
         }
-        Self { points, radius_m, cells, order: keyed.into_iter().map(|(_, i)| i).collect() }
+        let grown = nalgebra::Vector3::repeat(radius_m);
+        let reach = points.iter().fold(
+            (Point::from([f32::INFINITY; 3]), Point::from([f32::NEG_INFINITY; 3])),
+            |(low, high), p| (low.inf(&(p - grown)), high.sup(&(p + grown))),
+        );
+        Self { points, radius_m, cells, order: keyed.into_iter().map(|(_, i)| i).collect(), reach }
+    }
+
+    /// The indexed points.
+    pub fn points(&self) -> &'a [Point] {
+        self.points
+    }
+
+    /// The radius of every query, metres.
+    pub fn radius_m(&self) -> f32 {
+        self.radius_m
     }
 
     /// Calls `visit(index, squared distance)` for every point within the radius.
@@ -132,6 +149,10 @@ impl<'a> RadiusGrid<'a> {
     pub fn for_each_within(&self, query: &Point, mut visit: impl FnMut(usize, f32)) {
         let r = self.radius_m;
         let limit = r * r;
+        let (low, high) = &self.reach;
+        if (0..3).any(|a| query[a] < low[a] || query[a] > high[a]) {
+            return;
+        }
         let low = cell_of(&Point::new(query.x - r, query.y - r, query.z - r), 2.0 * r);
         let high = cell_of(&Point::new(query.x + r, query.y + r, query.z + r), 2.0 * r);
         for x in low[0]..=high[0] {

@@ -13,25 +13,28 @@ pub struct Overlap {
     pub residual_m: f64,
 }
 
-/// Two-way overlap within `radius_m` of `a` and of `b` moved by `a_from_b`
-/// (Li et al. 2025, transformation refinement: o_ij). Empty sets overlap nothing.
-pub fn two_way_overlap(a: &[Point], b: &[Point], a_from_b: &RigidMotion, radius_m: f32) -> Overlap {
-    if a.is_empty() || b.is_empty() {
+/// Two-way overlap of the points of `a` and of `b` moved by `a_from_b`, within the
+/// radius of the grids (Li et al. 2025, transformation refinement: o_ij).
+///
+/// Each grid indexes points in their own frame, so it is built once for any number of
+/// poses. Empty sets overlap nothing.
+pub fn two_way_overlap(a: &RadiusGrid<'_>, b: &RadiusGrid<'_>, a_from_b: &RigidMotion) -> Overlap {
+    if a.points().is_empty() || b.points().is_empty() {
         return Overlap::default();
     }
-    let moved = PointMover::new(a_from_b).points(b);
-    let (grid_a, grid_b) = (RadiusGrid::new(a, radius_m), RadiusGrid::new(&moved, radius_m));
-    let near = |points: &[Point], grid: &RadiusGrid<'_>| {
+    let near = |points: &[Point], grid: &RadiusGrid<'_>, motion: &RigidMotion| {
+        let mover = PointMover::new(motion);
         points
             .iter()
-            .filter_map(|p| grid.nearest(p))
+            .filter_map(|p| grid.nearest(&mover.point(p)))
             .fold((0usize, 0.0f64), |(n, sum), (_, d)| (n + 1, sum + f64::from(d)))
     };
-    let (na, sa) = near(a, &grid_b);
-    let (nb, sb) = near(&moved, &grid_a);
+    let (nb, sb) = near(b.points(), a, a_from_b);
+    // Nothing of b near a means nothing of a near b.
+    let (na, sa) = if nb == 0 { (0, 0.0) } else { near(a.points(), b, &a_from_b.inverse()) };
     let count = na + nb;
     Overlap {
-        ratio: count as f64 / (a.len() + b.len()) as f64,
+        ratio: count as f64 / (a.points().len() + b.points().len()) as f64,
         residual_m: if count == 0 { 0.0 } else { ((sa + sb) / count as f64).sqrt() },
     }
 }
@@ -46,13 +49,14 @@ mod tests {
         let row: Vec<Point> = (0..10).map(|i| Point::new(i as f32, 0.0, 0.0)).collect();
         // b's point 0 lands on a's point 4: six shared positions of ten on either side.
         let shift = RigidMotion::translation(4.0, 0.1, 0.0);
-        let o = two_way_overlap(&row, &row, &shift, 0.2);
+        let grid = RadiusGrid::new(&row, 0.2);
+        let o = two_way_overlap(&grid, &grid, &shift);
         assert!((o.ratio - 0.6).abs() < 1e-12);
         assert!((o.residual_m - 0.1).abs() < 1e-6);
-        let back = two_way_overlap(&row, &row, &shift.inverse(), 0.2);
+        let back = two_way_overlap(&grid, &grid, &shift.inverse());
         assert_eq!(o.ratio, back.ratio);
         let far = RigidMotion::new(Vector3::new(0.0, 50.0, 0.0), Vector3::zeros());
-        assert_eq!(two_way_overlap(&row, &row, &far, 0.2), Overlap::default());
-        assert_eq!(two_way_overlap(&row, &[], &shift, 0.2), Overlap::default());
+        assert_eq!(two_way_overlap(&grid, &grid, &far), Overlap::default());
+        assert_eq!(two_way_overlap(&grid, &RadiusGrid::new(&[], 0.2), &shift), Overlap::default());
     }
 }

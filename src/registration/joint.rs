@@ -1,0 +1,279 @@
+//! Joint point-to-plane refinement of all poses of a component.
+//!
+//! Minimises Σ ρ(n·(Tᵢp − Tⱼq)) over all pairs of overlapping scans at once
+//! (multi-view point-to-plane ICP; Chen & Medioni 1991 for the metric), by Gauss–Newton
+//! with new correspondences each round and radii from coarse to fine. Growth joins scans
+//! one after another, so small errors add up along the way; this step spreads them.
+
+use super::config::JointConfig;
+use crate::error::Result;
+use crate::geometry::neighbours::RadiusGrid;
+use crate::geometry::overlap::two_way_overlap;
+use crate::geometry::rigid::PointMover;
+use crate::geometry::{Direction, Point, RigidMotion};
+use crate::monitor::Monitor;
+use crate::scan::Surface;
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
+use rayon::prelude::*;
+
+/// One scan of the component.
+#[derive(Debug, Clone, Copy)]
+pub struct JointScan<'a> {
+    /// Its thinned surface with normals.
+    pub surface: &'a Surface,
+    /// Its pose.
+    pub world_from_scan: RigidMotion,
+}
+
+/// Refined poses, in the order of `scans`; the first scan keeps its pose and so fixes the frame.
+///
+/// `radius_m` is τ. Scans without enough correspondences keep their relation to the rest
+/// through a light damping.
+///
+/// # Errors
+/// Only when the monitor is cancelled.
+pub fn refine_jointly(
+    scans: &[JointScan<'_>],
+    config: &JointConfig,
+    radius_m: f64,
+    monitor: &dyn Monitor,
+) -> Result<Vec<RigidMotion>> {
+    let mut poses: Vec<RigidMotion> = scans.iter().map(|s| s.world_from_scan).collect();
+    if scans.len() < 2 {
+        return Ok(poses);
+    }
+    let samples: Vec<Sample> = scans.iter().map(|s| Sample::new(s.surface, config.points_per_scan)).collect();
+    for factor in &config.radii {
+        let radius = factor * radius_m;
+        let grids: Vec<RadiusGrid<'_>> =
+            scans.par_iter().map(|s| RadiusGrid::new(&s.surface.points, radius as f32)).collect();
+        let pairs = overlapping_pairs(&samples, &poses, config.min_overlap, radius_m as f32);
+        for _ in 0..config.rounds {
+            monitor.check("joint refinement")?;
+            let terms: Vec<PairTerm> = pairs
+                .par_iter()
+                .map(|&(i, j)| pair_term(i, j, &samples, scans, &grids, &poses, radius))
+                .collect();
+            let Some(largest_step) = gauss_newton_step(&pairs, &terms, &mut poses, radius_m) else { break };
+            if largest_step < 1e-4 * radius_m {
+                break;
+            }
+        }
+    }
+    Ok(poses)
+}
+
+/// An evenly strided part of a surface, whose points look for counterparts.
+struct Sample {
+    points: Vec<Point>,
+    normals: Vec<Direction>,
+}
+
+impl Sample {
+    fn new(surface: &Surface, at_most: usize) -> Self {
+        let with_normal: Vec<usize> =
+            (0..surface.len()).filter(|&i| surface.normals[i] != Direction::zeros()).collect();
+        let count = with_normal.len().min(at_most);
+        let chosen = (0..count).map(|k| with_normal[k * with_normal.len() / count]);
+        let (points, normals) = chosen.map(|i| (surface.points[i], surface.normals[i])).unzip();
+        Self { points, normals }
+    }
+}
+
+/// Pairs (i < j) whose samples overlap by at least `min_overlap` within `radius_m`.
+fn overlapping_pairs(
+    samples: &[Sample],
+    poses: &[RigidMotion],
+    min_overlap: f64,
+    radius_m: f32,
+) -> Vec<(usize, usize)> {
+    // Samples are sparser than the surface: their spacing must not count as a gap.
+    let grids: Vec<RadiusGrid<'_>> =
+        samples.par_iter().map(|s| RadiusGrid::new(&s.points, 2.0 * radius_m)).collect();
+    let all: Vec<(usize, usize)> =
+        (0..samples.len()).flat_map(|i| (i + 1..samples.len()).map(move |j| (i, j))).collect();
+    all.into_par_iter()
+        .filter(|&(i, j)| {
+            let i_from_j = poses[i].inverse() * poses[j];
+            two_way_overlap(&grids[i], &grids[j], &i_from_j).ratio >= min_overlap
+        })
+        .collect()
+}
+
+/// Normal equations of one pair: Σ w h hᵀ and Σ w r h with h = [x×n; n].
+///
+/// The residual r = n·(x − y) with x = Tᵢp, y = Tⱼq and n = Rⱼn_q has derivative h with
+/// respect to a left perturbation (ω, v) of Tᵢ and exactly −h with respect to one of Tⱼ.
+#[derive(Clone)]
+struct PairTerm {
+    information: Matrix6<f64>,
+    gradient: Vector6<f64>,
+}
+
+fn pair_term(
+    i: usize,
+    j: usize,
+    samples: &[Sample],
+    scans: &[JointScan<'_>],
+    grids: &[RadiusGrid<'_>],
+    poses: &[RigidMotion],
+    radius_m: f64,
+) -> PairTerm {
+    let mut term = PairTerm { information: Matrix6::zeros(), gradient: Vector6::zeros() };
+    // Points of i on the planes of j, and the other way round with the sign of h turned.
+    for (from, to, sign) in [(i, j, 1.0), (j, i, -1.0)] {
+        let to_from_from = poses[to].inverse() * poses[from];
+        let mover = PointMover::new(&to_from_from);
+        let surface = scans[to].surface;
+        for (p, normal) in samples[from].points.iter().zip(&samples[from].normals) {
+            let moved = mover.point(p);
+            let Some((k, _)) = grids[to].nearest(&moved) else { continue };
+            let n = surface.normals[k];
+            if mover.direction(normal).dot(&n) < MIN_NORMAL_COSINE {
+                continue;
+            }
+            let r = f64::from(n.dot(&(moved - surface.points[k])));
+            let w = (1.0 - (r / radius_m).powi(2)).max(0.0).powi(2); // Tukey's biweight
+            let x = poses[to] * moved.cast::<f64>();
+            let n = poses[to].rotation * n.cast::<f64>();
+            let m = x.coords.cross(&n);
+            let h = Vector6::new(m.x, m.y, m.z, n.x, n.y, n.z) * sign;
+            term.information += h * h.transpose() * w;
+            term.gradient += h * (w * r);
+        }
+    }
+    term
+}
+
+/// Normals further apart than 45° do not belong to the same surface.
+const MIN_NORMAL_COSINE: f32 = std::f32::consts::FRAC_1_SQRT_2;
+
+/// Solves for all poses but the first and applies the step; returns the longest
+/// translation of a pose, or `None` when the system cannot be solved.
+fn gauss_newton_step(
+    pairs: &[(usize, usize)],
+    terms: &[PairTerm],
+    poses: &mut [RigidMotion],
+    radius_m: f64,
+) -> Option<f64> {
+    let unknowns = 6 * (poses.len() - 1);
+    let mut matrix = DMatrix::<f64>::zeros(unknowns, unknowns);
+    let mut right = DVector::<f64>::zeros(unknowns);
+    for (&(i, j), term) in pairs.iter().zip(terms) {
+        // Scan 0 is held: its rows and columns are left out.
+        for (scan, sign) in [(i, 1.0), (j, -1.0)] {
+            if scan > 0 {
+                let at = 6 * (scan - 1);
+                let mut block = matrix.fixed_view_mut::<6, 6>(at, at);
+                block += &term.information;
+                let mut part = right.fixed_rows_mut::<6>(at);
+                part -= &term.gradient * sign;
+            }
+        }
+        if i > 0 {
+            let (a, b) = (6 * (i - 1), 6 * (j - 1));
+            let mut block = matrix.fixed_view_mut::<6, 6>(a, b);
+            block -= &term.information;
+            let mut block = matrix.fixed_view_mut::<6, 6>(b, a);
+            block -= &term.information;
+        }
+    }
+    // A floor on the diagonal keeps directions that nothing holds where they are.
+    for d in 0..unknowns {
+        matrix[(d, d)] += 1e-6 * matrix[(d, d)] + 1e-3;
+    }
+    let step = matrix.cholesky()?.solve(&right);
+    let mut longest = 0.0f64;
+    for (k, pose) in poses.iter_mut().enumerate().skip(1) {
+        let delta = step.fixed_rows::<6>(6 * (k - 1));
+        let turn = UnitQuaternion::from_scaled_axis(Vector3::new(delta[0], delta[1], delta[2]));
+        let shift = Translation3::new(delta[3], delta[4], delta[5]);
+        let moved = Isometry3::from_parts(shift, turn) * *pose;
+        let way = (moved.translation.vector - pose.translation.vector).norm();
+        // A step beyond the radius of the correspondences is not supported by them.
+        if way <= 3.0 * radius_m {
+            *pose = moved;
+        }
+        longest = longest.max(way);
+    }
+    Some(longest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::rigid::{rotation_error_rad, translation_error_m};
+    use crate::monitor::Silent;
+
+    /// Three mutually perpendicular walls, 2 m wide, sampled every 2.5 cm, in a scan's own frame.
+    fn corner(scan_from_world: &RigidMotion) -> Surface {
+        let mover = PointMover::new(scan_from_world);
+        let mut surface = Surface::default();
+        for a in 0..80 {
+            for b in 0..80 {
+                let (u, v) = (a as f32 * 0.025, b as f32 * 0.025);
+                for (p, n) in [
+                    (Point::new(u, v, 0.0), Direction::z()),
+                    (Point::new(u, 0.0, v), Direction::y()),
+                    (Point::new(0.0, u, v), Direction::x()),
+                ] {
+                    surface.points.push(mover.point(&p));
+                    surface.normals.push(mover.direction(&n));
+                }
+            }
+        }
+        surface
+    }
+
+    #[test]
+    fn disturbed_poses_return_to_the_exact_ones() {
+        // Every scan sees the same corner; the exact poses give zero residual.
+        let truth: Vec<RigidMotion> = (0..5)
+            .map(|k| {
+                let k = f64::from(k);
+                RigidMotion::new(Vector3::new(k, -0.3 * k, 0.1), Vector3::new(0.1 * k, 0.2, -0.3 * k))
+            })
+            .collect();
+        let surfaces: Vec<Surface> = truth.iter().map(|t| corner(&t.inverse())).collect();
+        let nudge = |k: usize| {
+            let s = if k == 0 {
+                0.0
+            } else if k.is_multiple_of(2) {
+                1.0
+            } else {
+                -1.0
+            };
+            RigidMotion::new(Vector3::new(0.03, -0.02, 0.025) * s, Vector3::new(0.01, -0.015, 0.01) * s)
+        };
+        let scans: Vec<JointScan<'_>> = surfaces
+            .iter()
+            .enumerate()
+            .map(|(k, surface)| JointScan { surface, world_from_scan: nudge(k) * truth[k] })
+            .collect();
+        let refined = refine_jointly(&scans, &JointConfig::default(), 0.07, &Silent).unwrap();
+        assert_eq!(refined[0], truth[0]);
+        for (pose, truth) in refined.iter().zip(&truth) {
+            assert!(translation_error_m(pose, truth) < 2e-4, "{}", translation_error_m(pose, truth));
+            assert!(rotation_error_rad(pose, truth) < 2e-4);
+        }
+    }
+
+    #[test]
+    fn what_nothing_holds_stays_where_it_was() {
+        // Two views of one plane: sliding along it is free, only the distance is corrected.
+        let flat = Surface {
+            points: (0..6400)
+                .map(|i| Point::new((i % 80) as f32 * 0.025, (i / 80) as f32 * 0.025, 0.0))
+                .collect(),
+            normals: vec![Direction::z(); 6400],
+        };
+        let start = RigidMotion::translation(0.1, 0.0, 0.03);
+        let scans = [
+            JointScan { surface: &flat, world_from_scan: RigidMotion::identity() },
+            JointScan { surface: &flat, world_from_scan: start },
+        ];
+        let refined = refine_jointly(&scans, &JointConfig::default(), 0.07, &Silent).unwrap();
+        assert!(refined[1].translation.vector.z.abs() < 1e-4);
+        assert!((refined[1].translation.vector.x - 0.1).abs() < 1e-3);
+    }
+}
