@@ -16,7 +16,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: Arguments) -> anyhow::Result<Status> {
-    let text = if arguments.schema { config::schema() } else { arguments.settings.config()?.to_toml() };
+    let text = if arguments.schema { config::schema() } else { arguments.settings.config()?.to_toml()? };
     terminal::print_line(text.trim_end())?;
     Ok(Status::Success)
 }

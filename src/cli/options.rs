@@ -27,7 +27,7 @@ impl SettingOptions {
     /// The effective settings, checked.
     pub fn config(&self) -> scanweave::Result<Config> {
         let mut layers = Layers::new::<Config>();
-        layers.add_text(&format!("preset {}", self.preset), config::preset(&self.preset)?)?;
+        layers.add_preset(&self.preset)?;
         if let Some(path) = &self.config {
             layers.add_file(path)?;
         }

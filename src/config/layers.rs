@@ -21,6 +21,14 @@ impl Layers {
         Self { keys: Keys::of::<C>(), table: Table::new(), sources: Vec::new() }
     }
 
+    /// Lays a built-in preset on top.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] when there is none of that name.
+    pub fn add_preset(&mut self, name: &str) -> Result<()> {
+        self.add_text(&format!("preset {name}"), super::preset_text(name)?)
+    }
+
     /// Lays TOML text on top. `source` is the name people know it by.
     ///
     /// # Errors

@@ -1,5 +1,6 @@
 //! `report.json`: what a run worked on, with what settings, and how long each stage took.
 
+use crate::descriptor::WorkingScale;
 use super::poses::{Document, Entry, Verdict};
 use serde::Serialize;
 
@@ -25,19 +26,6 @@ pub struct ScanSize {
     pub keypoints: usize,
     /// Whether the features came from the cache or from files instead of being computed.
     pub features_reused: bool,
-}
-
-/// Lengths the run worked at, metres.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Lengths {
-    /// Working resolution.
-    pub voxel_m: f64,
-    /// Radius of the neighbourhood a normal is fitted to.
-    pub normal_radius_m: f64,
-    /// Radius of the neighbourhood a descriptor looks at.
-    pub feature_radius_m: f64,
-    /// Inlier radius τ.
-    pub inlier_radius_m: f64,
 }
 
 /// The verdict on one scan, in one line.
@@ -79,7 +67,7 @@ pub struct RunReport {
     /// Threads that worked.
     pub threads: usize,
     /// Lengths the run worked at.
-    pub scale: Lengths,
+    pub scale: WorkingScale,
     /// Where the overlap head came from.
     pub overlap_head: String,
     /// Scans with a pose.
