@@ -28,9 +28,12 @@
 )]
 
 pub mod config;
+pub mod descriptor;
 pub mod error;
 pub mod geometry;
+pub mod io;
 pub mod monitor;
+pub mod pipeline;
 pub mod registration;
 pub mod report;
 pub mod retrieval;

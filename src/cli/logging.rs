@@ -1,6 +1,7 @@
 //! `tracing` events on stderr.
 
 use super::Verbosity;
+use std::io::IsTerminal;
 use tracing_subscriber::EnvFilter;
 
 /// Environment variable that overrides `-v`, in the syntax of `tracing-subscriber`.
@@ -21,6 +22,7 @@ pub fn start(verbosity: &Verbosity) {
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
         .with_target(false)
+        .with_ansi(std::io::stderr().is_terminal())
         .try_init()
         .ok();
 }

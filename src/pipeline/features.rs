@@ -97,7 +97,7 @@ fn entry(folder: &Path, scan: &Scan, scale: &WorkingScale, config: &Config) -> P
 fn hash_cloud(hasher: &mut blake3::Hasher, cloud: &PointCloud) {
     let mut block = Vec::with_capacity(12 * 4096);
     hasher.update(&(cloud.points.len() as u64).to_le_bytes());
-    for points in std::slice::from_ref(&cloud.viewpoint).chunks(1).chain(cloud.points.chunks(4096)) {
+    for points in [cloud.viewpoint].chunks(1).chain(cloud.points.chunks(4096)) {
         block.clear();
         block.extend(points.iter().flat_map(|p| p.coords.iter().flat_map(|v| v.to_le_bytes())));
         hasher.update(&block);

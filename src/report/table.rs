@@ -4,10 +4,10 @@ use super::run::{Row, RunReport};
 use comfy_table::{Attribute, Cell, CellAlignment, ContentArrangement, Table, presets};
 use std::fmt::Write;
 
-/// A table with one line a scan, followed by the lines that sum the run up.
-pub fn summary(report: &RunReport, width: u16) -> String {
+/// A table with one line a scan, followed by the lines that sum the run up; `width` in
+/// characters, that of the terminal where `None`.
+pub fn summary(report: &RunReport, width: Option<u16>) -> String {
     let mut text = scans_table(&report.evidence, width);
-    let scale = &report.scale;
     let plural = |n: usize| if n == 1 { "" } else { "s" };
     let total = report.placed + report.declined;
     write!(
@@ -27,11 +27,8 @@ pub fn summary(report: &RunReport, width: u16) -> String {
     }
     write!(
         text,
-        "\nscale    voxel {}, normals {}, features {}, inliers {}\noverlap  {}\ntime     {:.1} s (",
-        length(scale.voxel_m),
-        length(scale.normal_radius_m),
-        length(scale.feature_radius_m),
-        length(scale.inlier_radius_m),
+        "\nscale    {}\noverlap  {}\ntime     {:.1} s (",
+        report.scale,
         report.overlap_head,
         report.total_seconds
     )
@@ -50,7 +47,7 @@ pub fn summary(report: &RunReport, width: u16) -> String {
     text
 }
 
-fn scans_table(rows: &[Row], width: u16) -> String {
+fn scans_table(rows: &[Row], width: Option<u16>) -> String {
     let components = rows.iter().filter_map(|r| r.component).max().unwrap_or(0);
     let explained = rows.iter().any(|r| r.reason.is_some());
     let mut heads = vec!["scan", "outcome"];
@@ -62,8 +59,11 @@ fn scans_table(rows: &[Row], width: u16) -> String {
         heads.push("reason");
     }
     let mut table = Table::new();
-    table.load_preset(presets::UTF8_HORIZONTAL_ONLY).set_content_arrangement(ContentArrangement::Dynamic);
-    table.set_width(width).set_header(heads.iter().map(|h| Cell::new(h).add_attribute(Attribute::Bold)));
+    table.load_style(presets::UTF8_HORIZONTAL_ONLY).set_content_arrangement(ContentArrangement::Dynamic);
+    if let Some(width) = width {
+        table.set_width(width);
+    }
+    table.set_header(heads.iter().map(|h| Cell::new(h).add_attribute(Attribute::Bold)));
     for row in rows {
         let number = |v: Option<usize>| v.map(|v| v.to_string()).unwrap_or_default();
         let share = |v: Option<f64>| v.map(|v| format!("{v:.2}")).unwrap_or_default();

@@ -1,0 +1,219 @@
+//! Which descriptor, and the one call that computes it.
+
+use super::{KeypointConfig, WorkingScale, fpfh, keypoints};
+use crate::error::{Error, Result};
+use crate::scan::{Descriptors, Features, Scan, Surface};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// The descriptors there are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum DescriptorKind {
+    /// Fast point feature histograms, computed here (33 values).
+    #[default]
+    Fpfh,
+    /// Keypoints and descriptors read from files.
+    Precomputed,
+}
+
+/// Settings of the local features.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct DescriptorConfig {
+    /// Which descriptor.
+    pub kind: DescriptorKind,
+    /// Where it is computed.
+    pub keypoints: KeypointConfig,
+}
+
+impl DescriptorConfig {
+    /// Checks the settings.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for an unusable value.
+    pub fn validate(&self) -> Result<()> {
+        self.keypoints.validate()
+    }
+
+    /// Name of the descriptor, as in a config file.
+    pub fn descriptor_name(&self) -> &'static str {
+        match self.kind {
+            DescriptorKind::Fpfh => "fpfh",
+            DescriptorKind::Precomputed => "precomputed",
+        }
+    }
+
+    /// What a descriptor vector means, as a hex digest: its name, the version of its
+    /// formula, and its radii in voxels. Two runs of the same digest have comparable
+    /// descriptors, at whatever absolute scale and number of keypoints, so that weights
+    /// trained on one hold for the other.
+    pub fn settings_hash(&self, scale: &WorkingScale) -> String {
+        blake3::hash(self.settings_text(scale).as_bytes()).to_hex().to_string()
+    }
+
+    /// What decides the features of a given cloud, as a hex digest: [`Self::settings_hash`]
+    /// with the absolute lengths, the number of keypoints and the seed.
+    pub fn features_hash(&self, scale: &WorkingScale, seed: u64) -> String {
+        let text = format!(
+            "{};voxel={:?};normals={:?};features={:?};keypoints={};seed={seed}",
+            self.settings_text(scale),
+            scale.voxel_m,
+            scale.normal_radius_m,
+            scale.feature_radius_m,
+            self.keypoints.count,
+        );
+        blake3::hash(text.as_bytes()).to_hex().to_string()
+    }
+
+    fn settings_text(&self, scale: &WorkingScale) -> String {
+        // A hundredth of a voxel changes no descriptor to speak of, and absorbs rounding.
+        let voxels = |radius_m: f64| format!("{:.2}", radius_m / scale.voxel_m);
+        match self.kind {
+            DescriptorKind::Fpfh => format!(
+                "fpfh/1;normals={};features={}",
+                voxels(scale.normal_radius_m),
+                voxels(scale.feature_radius_m)
+            ),
+            DescriptorKind::Precomputed => "precomputed/1".to_owned(),
+        }
+    }
+}
+
+/// Keypoints, normals and descriptors of a scan from its thinned `surface`.
+///
+/// A scan with few points gives few features, or none; nothing about its shape is an error.
+/// The same surface, settings and seed give the same bytes.
+///
+/// # Errors
+/// [`Error::Setting`] when the settings are unusable, or the descriptor is one that is read
+/// from files and not computed.
+pub fn describe(
+    scan: &Scan,
+    surface: &Surface,
+    scale: &WorkingScale,
+    config: &DescriptorConfig,
+    seed: u64,
+) -> Result<Features> {
+    config.validate()?;
+    if config.kind == DescriptorKind::Precomputed {
+        return Err(Error::setting(
+            "descriptor.kind",
+            format!("precomputed, but no features for the scan {}", scan.name),
+            "a feature file for every scan",
+            "name the folder that holds them, or set descriptor.kind to \"fpfh\"",
+        ));
+    }
+    let radius_m = scale.feature_radius_m as f32;
+    let rows = keypoints::choose(surface, config.keypoints.count, seed);
+    let values = fpfh::descriptors(surface, &rows, radius_m);
+    // A lone point has a histogram of nothing, which would match anything.
+    let described = |at: usize| values[at * fpfh::DIMENSION..][..fpfh::DIMENSION].iter().any(|v| *v > 0.0);
+    let kept: Vec<usize> = (0..rows.len()).filter(|&at| described(at)).collect();
+    let features = Features::new(
+        rows.iter().map(|&i| surface.points[i]).collect(),
+        Some(rows.iter().map(|&i| surface.normals[i]).collect()),
+        Descriptors::new(fpfh::DIMENSION, values)?,
+    )?;
+    Ok(if kept.len() == rows.len() { features } else { features.select(&kept) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::descriptor::surface;
+    use crate::geometry::Point;
+    use crate::scan::{PointCloud, ScanId};
+    use rand::{RngExt, SeedableRng};
+
+    fn scan(points: Vec<Point>) -> Scan {
+        Scan { id: ScanId(0), name: "a".into(), path: None, cloud: PointCloud::from_points(points) }
+    }
+
+    /// Random points on the faces of a box corner, 1 m wide.
+    fn corner(n: usize) -> Scan {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+        let mut point = |i: usize| {
+            let mut c = [rng.random_range(0.0f32..1.0), rng.random_range(0.0f32..1.0), 0.0];
+            c.rotate_left(i % 3);
+            Point::from(c) + nalgebra::Vector3::new(0.5, 0.5, 1.0)
+        };
+        scan((0..n).map(&mut point).collect())
+    }
+
+    fn features_of(scan: &Scan, scale: &WorkingScale, seed: u64) -> Features {
+        let surface = surface::thin(&scan.cloud, scale);
+        let config = DescriptorConfig { keypoints: KeypointConfig { count: 700 }, ..Default::default() };
+        describe(scan, &surface, scale, &config, seed).unwrap()
+    }
+
+    #[test]
+    fn a_scan_gives_unit_descriptors_at_its_keypoints() {
+        let (scan, scale) = (corner(30_000), WorkingScale::from_voxel(0.02));
+        let features = features_of(&scan, &scale, 1);
+        assert_eq!((features.len(), features.descriptors.dim()), (700, 33));
+        for i in 0..features.len() {
+            let norm: f32 = features.descriptors.row(i).iter().map(|v| v * v).sum();
+            assert!((norm - 1.0).abs() < 1e-5);
+        }
+        assert!(features.normals.as_ref().is_some_and(|n| n.iter().all(|v| (v.norm() - 1.0).abs() < 1e-5)));
+    }
+
+    #[test]
+    fn threads_do_not_change_a_byte() {
+        let (scan, scale) = (corner(30_000), WorkingScale::from_voxel(0.02));
+        let with = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| features_of(&scan, &scale, 1))
+        };
+        let (one, three) = (with(1), with(3));
+        let bits = |f: &Features| f.descriptors.values().iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&one), bits(&three));
+        assert_eq!(one, three);
+        assert_ne!(one.keypoints, features_of(&scan, &scale, 2).keypoints);
+    }
+
+    #[test]
+    fn poor_scans_give_few_features_and_no_failure() {
+        let scale = WorkingScale::from_voxel(0.1);
+        let lone = [[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [0.0, 5.0, 1.0]].map(Point::from).to_vec();
+        let line = (0..300).map(|i| Point::new(i as f32 * 0.05, 0.0, 1.0)).collect();
+        let same = vec![Point::new(1.0, 1.0, 1.0); 100];
+        for points in [vec![], lone, line, same] {
+            assert!(features_of(&scan(points), &scale, 1).is_empty());
+        }
+        // A plane is described like any other scan; that it fixes no pose shows later.
+        let plane = (0..2500).map(|i| Point::new((i % 50) as f32 * 0.1, (i / 50) as f32 * 0.1, 1.0));
+        assert_eq!(features_of(&scan(plane.collect()), &scale, 1).len(), 700);
+    }
+
+    #[test]
+    fn hashes_tell_settings_apart_but_not_absolute_scale() {
+        let config = DescriptorConfig::default();
+        let (near, far) = (WorkingScale::from_voxel(0.025), WorkingScale::from_voxel(0.3));
+        assert_eq!(config.settings_hash(&near), config.settings_hash(&far));
+        assert_ne!(config.features_hash(&near, 1), config.features_hash(&far, 1));
+        assert_ne!(config.features_hash(&near, 1), config.features_hash(&near, 2));
+        let wider = WorkingScale { feature_radius_m: 2.0 * near.feature_radius_m, ..near };
+        assert_ne!(config.settings_hash(&near), config.settings_hash(&wider));
+        let fewer = DescriptorConfig { keypoints: KeypointConfig { count: 250 }, ..config.clone() };
+        assert_eq!(config.settings_hash(&near), fewer.settings_hash(&near));
+        assert_ne!(config.features_hash(&near, 1), fewer.features_hash(&near, 1));
+        let read = DescriptorConfig { kind: DescriptorKind::Precomputed, ..config.clone() };
+        assert_ne!(config.settings_hash(&near), read.settings_hash(&near));
+    }
+
+    #[test]
+    fn a_config_file_names_the_kind_and_unknown_keys_are_refused() {
+        let text = "kind = \"precomputed\"\n[keypoints]\ncount = 1000\n";
+        let config: DescriptorConfig = toml::from_str(text).unwrap();
+        assert_eq!(config.descriptor_name(), "precomputed");
+        assert_eq!(config.keypoints.count, 1000);
+        assert!(toml::from_str::<DescriptorConfig>("kinds = \"fpfh\"").is_err());
+        let error = describe(&scan(vec![]), &Surface::default(), &WorkingScale::from_voxel(1.0), &config, 0)
+            .unwrap_err();
+        assert!(error.to_string().starts_with("descriptor.kind: found precomputed"), "{error}");
+        let few = DescriptorConfig { keypoints: KeypointConfig { count: 2 }, ..Default::default() };
+        assert!(few.validate().is_err());
+    }
+}

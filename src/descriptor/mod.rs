@@ -1,0 +1,17 @@
+//! From a scan to its local features: working scale, normals, keypoints, descriptors.
+//!
+//! ```text
+//! PointCloud ─ scale::choose ─▶ WorkingScale
+//! PointCloud ─ surface::thin ─▶ Surface ─ keypoints::choose ─▶ rows ─ describe ─▶ Features
+//! ```
+
+mod config;
+pub mod fpfh;
+pub mod keypoints;
+mod occupancy;
+pub mod scale;
+pub mod surface;
+
+pub use config::{DescriptorConfig, DescriptorKind, describe};
+pub use keypoints::KeypointConfig;
+pub use scale::{ScaleChoice, ScaleConfig, ScaleWarning, WorkingScale};
