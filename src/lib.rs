@@ -38,6 +38,7 @@ pub mod registration;
 pub mod report;
 pub mod retrieval;
 pub mod scan;
+pub mod synthetic;
 
 pub use config::Config;
 pub use error::{Error, ErrorKind, Result};
