@@ -6,10 +6,13 @@
 //! piece by piece are bit-identical to results computed in one go.
 
 use crate::scan::Descriptors;
+use pulp::bytemuck::cast_slice;
 use rayon::prelude::*;
+use std::slice::from_ref;
 
 const LANES: usize = 16;
-const BLOCK: usize = 4;
+/// Rows that go through the columns together.
+const BLOCK: usize = 8;
 /// Rows handled by one task.
 const CHUNK: usize = 512;
 
@@ -37,10 +40,10 @@ impl Best {
     }
 }
 
-/// Half the squared norm of a row, accumulated like the dot products.
-#[inline]
+/// Half the squared norm of a row.
+#[inline(always)]
 fn half_norm(row: &[f32]) -> f32 {
-    0.5 * row.iter().fold(0.0f32, |sum, &v| v.mul_add(v, sum))
+    0.5 * row.iter().map(|v| v * v).sum::<f32>()
 }
 
 /// Descriptors laid out for the kernel: groups of 16 columns, dimension by dimension.
@@ -126,83 +129,102 @@ fn nearest_chunk(values: &[f32], ids: &[u32], columns: &Columns) -> Nearest {
     let mut column_score = vec![f32::NEG_INFINITY; padded];
     let mut column_index = vec![u32::MAX; padded];
     let mut of_rows = Vec::with_capacity(ids.len());
-    pulp::Arch::new().dispatch(|| {
-        let mut blocks = ids.chunks_exact(BLOCK);
-        for block in &mut blocks {
-            let rows: [&[f32]; BLOCK] = std::array::from_fn(|q| row(values, block[q], columns.dim));
-            let ids: [u32; BLOCK] = std::array::from_fn(|q| block[q]);
-            of_rows.extend(block_kernel(rows, ids, columns, &mut column_score, &mut column_index));
-        }
-        for &id in blocks.remainder() {
-            let rows = [row(values, id, columns.dim)];
-            of_rows.extend(block_kernel(rows, [id], columns, &mut column_score, &mut column_index));
-        }
-    });
+    for block in ids.chunks(BLOCK) {
+        let rows = RowBlock::new(values, block, columns.dim);
+        let kernel =
+            Kernel { rows: &rows, columns, column_score: &mut column_score, column_index: &mut column_index };
+        let best = pulp::Arch::new().dispatch(kernel);
+        of_rows.extend_from_slice(&best[..block.len()]);
+    }
     let of_columns = (0..columns.len)
-        .map(|c| {
-            if column_index[c] == u32::MAX {
-                Best::NOBODY
-            } else {
-                Best { score: column_score[c], index: column_index[c] }
-            }
+        .map(|c| match column_index[c] {
+            u32::MAX => Best::NOBODY,
+            index => Best { score: column_score[c], index },
         })
         .collect();
     Nearest { of_rows, of_columns }
 }
 
-#[inline(always)]
-fn row(values: &[f32], id: u32, dim: usize) -> &[f32] {
-    &values[id as usize * dim..(id as usize + 1) * dim]
+/// A few rows side by side: `values[d·BLOCK + q]`. A short block repeats its last row,
+/// which changes no answer.
+struct RowBlock {
+    values: Vec<f32>,
+    half_norms: [f32; BLOCK],
+    ids: [u32; BLOCK],
 }
 
-/// `Q` rows against all columns.
-#[inline(always)]
-fn block_kernel<const Q: usize>(
-    rows: [&[f32]; Q],
-    ids: [u32; Q],
-    columns: &Columns,
-    column_score: &mut [f32],
-    column_index: &mut [u32],
-) -> [Best; Q] {
-    let dim = columns.dim;
-    let row_half: [f32; Q] = std::array::from_fn(|q| half_norm(rows[q]));
-    let mut best_score = [[f32::NEG_INFINITY; LANES]; Q];
-    let mut best_group = [[u32::MAX; LANES]; Q];
-    let groups = columns.packed.chunks_exact(dim * LANES);
-    let scores = column_score.chunks_exact_mut(LANES);
-    let indices = column_index.chunks_exact_mut(LANES);
-    let halves = columns.half_norms.chunks_exact(LANES);
-    for (g, (((group, score), index), half)) in groups.zip(scores).zip(indices).zip(halves).enumerate() {
-        let mut dot = [[0.0f32; LANES]; Q];
-        for (d, column) in group.chunks_exact(LANES).enumerate() {
-            for q in 0..Q {
-                let x = rows[q][d];
-                for l in 0..LANES {
-                    dot[q][l] = x.mul_add(column[l], dot[q][l]);
+impl RowBlock {
+    fn new(all: &[f32], ids: &[u32], dim: usize) -> Self {
+        let ids: [u32; BLOCK] = std::array::from_fn(|q| ids[q.min(ids.len() - 1)]);
+        let rows = ids.map(|id| &all[id as usize * dim..(id as usize + 1) * dim]);
+        let mut values = vec![0.0; dim * BLOCK];
+        for (q, row) in rows.iter().enumerate() {
+            for (d, &v) in row.iter().enumerate() {
+                values[d * BLOCK + q] = v;
+            }
+        }
+        Self { values, half_norms: rows.map(half_norm), ids }
+    }
+}
+
+/// One block of rows against all columns, in the widest vectors the processor has.
+struct Kernel<'a> {
+    rows: &'a RowBlock,
+    columns: &'a Columns,
+    column_score: &'a mut [f32],
+    column_index: &'a mut [u32],
+}
+
+impl pulp::WithSimd for Kernel<'_> {
+    type Output = [Best; BLOCK];
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) -> [Best; BLOCK] {
+        let Kernel { rows, columns, column_score, column_index } = self;
+        let (vectors, _) = S::as_simd_f32s(&columns.packed);
+        let (halves, _) = S::as_simd_f32s(&columns.half_norms);
+        let (scores, _) = S::as_mut_simd_f32s(column_score);
+        let (indices, _) = S::as_mut_simd_u32s(column_index);
+        let per_group = LANES / S::F32_LANES;
+        let row_half = rows.half_norms.map(|h| simd.splat_f32s(h));
+        let row_id = rows.ids.map(|id| simd.splat_u32s(id));
+        let mut best_score = [simd.splat_f32s(f32::NEG_INFINITY); BLOCK];
+        let mut best_start = [simd.splat_u32s(u32::MAX); BLOCK];
+        for at in 0..halves.len() {
+            let first = at / per_group * columns.dim * per_group + at % per_group;
+            let mut dot = [simd.splat_f32s(0.0); BLOCK];
+            let column = vectors[first..].iter().step_by(per_group);
+            for (x, &y) in rows.values.chunks_exact(BLOCK).zip(column) {
+                for q in 0..BLOCK {
+                    dot[q] = simd.mul_add_f32s(simd.splat_f32s(x[q]), y, dot[q]);
                 }
             }
-        }
-        for q in 0..Q {
-            for l in 0..LANES {
-                let of_row = dot[q][l] - half[l];
-                let nearer = of_row > best_score[q][l];
-                best_score[q][l] = if nearer { of_row } else { best_score[q][l] };
-                best_group[q][l] = if nearer { g as u32 } else { best_group[q][l] };
-                let of_column = dot[q][l] - row_half[q];
-                let nearer = of_column > score[l];
-                score[l] = if nearer { of_column } else { score[l] };
-                index[l] = if nearer { ids[q] } else { index[l] };
+            let start = simd.splat_u32s((at * S::F32_LANES) as u32);
+            let (mut score, mut index) = (scores[at], indices[at]);
+            for q in 0..BLOCK {
+                let of_row = simd.sub_f32s(dot[q], halves[at]);
+                let nearer = simd.less_than_f32s(best_score[q], of_row);
+                best_score[q] = simd.select_f32s(nearer, of_row, best_score[q]);
+                best_start[q] = simd.select_u32s(nearer, start, best_start[q]);
+                let of_column = simd.sub_f32s(dot[q], row_half[q]);
+                let nearer = simd.less_than_f32s(score, of_column);
+                score = simd.select_f32s(nearer, of_column, score);
+                index = simd.select_u32s(nearer, row_id[q], index);
             }
+            (scores[at], indices[at]) = (score, index);
         }
-    }
-    std::array::from_fn(|q| {
-        (0..LANES).fold(Best::NOBODY, |best, l| {
-            if best_group[q][l] == u32::MAX {
-                best
-            } else {
-                best.or(Best { score: best_score[q][l], index: best_group[q][l] * LANES as u32 + l as u32 })
-            }
+        std::array::from_fn(|q| {
+            let scores: &[f32] = cast_slice(from_ref(&best_score[q]));
+            lowest(scores, cast_slice(from_ref(&best_start[q])))
         })
+    }
+}
+
+/// The best over the lanes of a row; `starts` are the columns of their first lane.
+fn lowest(scores: &[f32], starts: &[u32]) -> Best {
+    scores.iter().zip(starts).enumerate().fold(Best::NOBODY, |best, (lane, (&score, &start))| match start {
+        u32::MAX => best,
+        start => best.or(Best { score, index: start + lane as u32 }),
     })
 }
 
