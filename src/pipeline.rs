@@ -2,7 +2,7 @@
 
 mod features;
 
-pub use features::FeatureSource;
+pub use features::{FeatureSource, read_features};
 
 use crate::config::Config;
 use crate::descriptor::scale::{self, ScaleWarning, WorkingScale};

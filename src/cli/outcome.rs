@@ -24,7 +24,12 @@ pub fn warn(run: &Run, scans: &[Scan]) {
 
 /// The table and summary, as wide as the terminal.
 pub fn table(report: &RunReport) -> String {
-    table::summary(report, (!std::io::stdout().is_terminal()).then_some(PIPE_WIDTH))
+    table::summary(report, width())
+}
+
+/// Width of tables; `None` leaves it to the terminal.
+pub fn width() -> Option<u16> {
+    (!std::io::stdout().is_terminal()).then_some(PIPE_WIDTH)
 }
 
 /// Success when any two scans were joined.

@@ -8,8 +8,8 @@ use clap::Args;
 use scanweave::config::Config;
 use scanweave::descriptor::DescriptorKind;
 use scanweave::pipeline::{self, FeatureSource, Stopwatch};
-use scanweave::scan::{Features, Scan};
-use scanweave::{Error, Monitor, io};
+use scanweave::scan::Scan;
+use scanweave::{Error, io};
 use std::path::PathBuf;
 
 /// Register scans: poses with evidence, and one merged cloud.
@@ -32,7 +32,8 @@ pub struct Arguments {
     /// Print one JSON document on stdout instead of the table.
     #[arg(long)]
     json: bool,
-    /// Folder of features made by another program: <scan name>.npz each, or the SGHR layout.
+    /// Folder of features made by another program: one NPZ a scan, named like the scan, or a
+    /// folder NAME_desc beside Keypoints/ as SGHR and IMVR publish them.
     #[arg(long, value_name = "DIR")]
     features: Option<PathBuf>,
     /// Trained overlap head; the same as retrieval.checkpoint.
@@ -55,7 +56,7 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
         io::read_scans(&io::discover(&arguments.inputs)?, &progress)
     })?;
     let given = match &arguments.features {
-        Some(place) => Some(clock.time("features", || read_features(place, &scans, &progress))?),
+        Some(place) => Some(clock.time("features", || pipeline::read_features(place, &scans, &progress))?),
         None => None,
     };
     let cache = folder.cache();
@@ -95,12 +96,4 @@ fn effective_config(arguments: &Arguments) -> scanweave::Result<Config> {
         (None, _) => {}
     }
     Ok(config)
-}
-
-fn read_features(
-    place: &std::path::Path,
-    scans: &[Scan],
-    monitor: &dyn Monitor,
-) -> scanweave::Result<Vec<Features>> {
-    io::features::read_folder(place, scans, monitor)
 }

@@ -96,15 +96,11 @@ impl ResultFolder {
             let cloud = MergedCloud::new(scans, &run.reconstruction, component, voxel_m);
             let scan: Vec<i32> = cloud.scan.iter().map(|&s| s as i32).collect();
             io::write_ply(
-                &self.path.join(numbered("merged", component, "ply")),
-                &io::PlyCloud {
-                    points: &cloud.points,
-                    colors: cloud.colors.as_deref(),
-                    scan: Some(&scan),
-                },
+                self.path.join(numbered("merged", component, "ply")),
+                &io::PlyCloud { points: &cloud.points, colors: cloud.colors.as_deref(), scans: Some(&scan) },
             )?;
             let poses: Vec<_> = placed_in(run, component).collect();
-            io::write_redwood_log(&self.path.join(numbered("trajectory", component, "log")), &poses, scans.len())?;
+            io::poses::write_trajectory(self.path.join(numbered("trajectory", component, "log")), &poses)?;
         }
         Ok(())
     }

@@ -132,7 +132,9 @@ fn accepts(schema: &Json, value: &Value) -> bool {
         _ => None,
     };
     let bound = |key: &str| schema.get(key).and_then(Json::as_f64);
-    if number.is_some_and(|v| bound("minimum").is_some_and(|m| v < m) || bound("maximum").is_some_and(|m| v > m)) {
+    if number
+        .is_some_and(|v| bound("minimum").is_some_and(|m| v < m) || bound("maximum").is_some_and(|m| v > m))
+    {
         return false;
     }
     kinds.iter().any(|kind| match (*kind, value) {

@@ -141,7 +141,12 @@ impl Config {
     /// [`Error::Setting`] for a value TOML has no spelling for (a path that is not UTF-8).
     pub fn to_toml(&self) -> Result<String> {
         toml::to_string(self).map_err(|e| {
-            Error::setting("configuration", e.to_string(), "values that TOML can hold", "use plain UTF-8 paths")
+            Error::setting(
+                "configuration",
+                e.to_string(),
+                "values that TOML can hold",
+                "use plain UTF-8 paths",
+            )
         })
     }
 }

@@ -51,8 +51,16 @@ fn an_effective_configuration_reads_back_as_itself() {
 fn an_unknown_key_is_named_with_its_place_and_the_nearest_known_one() {
     for (file, assignments, parts) in [
         ("sed = 3", &[][..], ["my.toml: sed:", "`seed`"]),
-        ("[registration]\nshortlits = 3", &[], ["my.toml: registration.shortlits:", "`registration.shortlist`"]),
-        ("[registration.joint]\nround = 3", &[], ["registration.joint.round:", "`registration.joint.rounds`"]),
+        (
+            "[registration]\nshortlits = 3",
+            &[],
+            ["my.toml: registration.shortlits:", "`registration.shortlist`"],
+        ),
+        (
+            "[registration.joint]\nround = 3",
+            &[],
+            ["registration.joint.round:", "`registration.joint.rounds`"],
+        ),
         // Right key, wrong table.
         ("hypotheses = 3", &[], ["my.toml: hypotheses:", "`registration.estimator.hypotheses`"]),
         ("", &["scale.voxel=3"], ["--set: scale.voxel:", "`scale.voxel_m`"]),
@@ -79,7 +87,11 @@ fn a_wrong_type_or_range_names_key_found_and_expected() {
             &[],
             ["my.toml: registration.averaging.min_overlap:", "1.5", "between 0 and 1"],
         ),
-        ("[registration.joint]\nradii = [1, \"2\"]", &[], ["my.toml: registration.joint.radii:", "\"2\"", "number"]),
+        (
+            "[registration.joint]\nradii = [1, \"2\"]",
+            &[],
+            ["my.toml: registration.joint.radii:", "\"2\"", "number"],
+        ),
         ("", &["seed"], ["--set:", "`seed`", "key=value"]),
     ] {
         let text = message(file, assignments);

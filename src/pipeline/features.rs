@@ -79,9 +79,52 @@ fn through_cache(path: &Path, compute: impl FnOnce() -> Result<Features>) -> Res
             Err(error) => tracing::warn!("computing again what the cache should hold: {error}"),
         }
     }
-    let features = compute()?;
-    io::features::write_npz(path, &features)?;
-    Ok((features, false))
+    io::features::write_npz(path, &compute()?)?;
+    // Reading normalises descriptors, which may change a last bit: only what was read back is
+    // the same in this run and in the next.
+    Ok((io::features::read_npz(path)?, false))
+}
+
+/// Features of every scan that another program computed: `<folder>/<name of the scan>.npz`, or,
+/// where `folder` is named `<descriptor>_desc`, the layout of SGHR and IMVR around it.
+///
+/// # Errors
+/// A file is missing, unreadable, or its arrays disagree; or the user asked to stop.
+pub fn read_features(folder: &Path, scans: &[Scan], monitor: &dyn Monitor) -> Result<Vec<Features>> {
+    let name = folder.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let published = name.strip_suffix("_desc").filter(|_| !folder.is_file());
+    monitor.begin("reading features", scans.len());
+    let results: Vec<Result<Features>> = scans
+        .par_iter()
+        .map(|scan| {
+            monitor.check("reading features")?;
+            let own = folder.join(format!("{}.npz", scan.name));
+            let features = match published {
+                Some(descriptor) if !own.exists() => {
+                    let dataset = folder.parent().unwrap_or(Path::new(""));
+                    io::features::read_sghr(dataset, descriptor, number_of(scan)?, &scan.cloud)
+                }
+                _ => io::features::read_npz(&own),
+            };
+            monitor.advance(1);
+            features
+        })
+        .collect();
+    monitor.end();
+    results.into_iter().collect()
+}
+
+/// The number at the end of a scan's name, by which the published layout calls it.
+fn number_of(scan: &Scan) -> Result<usize> {
+    let digits = scan.name.len() - scan.name.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+    scan.name[scan.name.len() - digits..].parse().map_err(|_| {
+        Error::input(
+            scan.name.as_str(),
+            "a name without a number at its end",
+            "scans named as in cloud_bin_12.ply",
+            "rename the scans, or give one NPZ a scan",
+        )
+    })
 }
 
 /// File of a scan's features: named by everything they depend on, so that it never goes stale.

@@ -1,7 +1,7 @@
 //! `report.json`: what a run worked on, with what settings, and how long each stage took.
 
-use crate::descriptor::WorkingScale;
 use super::poses::{Document, Entry, Verdict};
+use crate::descriptor::WorkingScale;
 use serde::Serialize;
 
 /// Time one stage took.

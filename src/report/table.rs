@@ -1,8 +1,12 @@
 //! The summary a person reads.
 
 use super::run::{Row, RunReport};
-use comfy_table::{Attribute, Cell, CellAlignment, ContentArrangement, Table, presets};
+use comfy_table::{Attribute, Cell, CellAlignment, ContentArrangement, Table};
+use comfy_table::{LineStyle, TableStyle};
 use std::fmt::Write;
+
+/// One rule under the heads, none between rows.
+const STYLE: TableStyle = TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 
 /// A table with one line a scan, followed by the lines that sum the run up; `width` in
 /// characters, that of the terminal where `None`.
@@ -28,9 +32,7 @@ pub fn summary(report: &RunReport, width: Option<u16>) -> String {
     write!(
         text,
         "\nscale    {}\noverlap  {}\ntime     {:.1} s (",
-        report.scale,
-        report.overlap_head,
-        report.total_seconds
+        report.scale, report.overlap_head, report.total_seconds
     )
     .ok();
     let stages: Vec<String> =
@@ -48,46 +50,68 @@ pub fn summary(report: &RunReport, width: Option<u16>) -> String {
 }
 
 fn scans_table(rows: &[Row], width: Option<u16>) -> String {
-    let components = rows.iter().filter_map(|r| r.component).max().unwrap_or(0);
+    let several = rows.iter().any(|r| r.component.is_some_and(|c| c > 0));
     let explained = rows.iter().any(|r| r.reason.is_some());
-    let mut heads = vec!["scan", "outcome"];
-    if components > 0 {
-        heads.push("component");
+    let mut columns = evidence_columns(rows);
+    if several {
+        columns.insert(2, ("component", rows.iter().map(|r| number(r.component)).collect()));
     }
-    heads.extend(["step", "parent", "matches", "inliers", "ratio", "overlap", "residual"]);
     if explained {
-        heads.push("reason");
+        columns.push(("reason", rows.iter().map(|r| r.reason.clone().unwrap_or_default()).collect()));
     }
+    drawn(&columns, width)
+}
+
+/// A table with one line a scan that sets its error against the truth: rotation (degrees)
+/// and translation (metres) where it can be compared, and whether it is right.
+pub fn against_truth(rows: &[Row], errors: &[(Option<(f64, f64)>, bool)], width: Option<u16>) -> String {
+    let cell = |text: fn(f64, f64) -> String| {
+        errors.iter().map(|(e, _)| e.map(|(deg, m)| text(deg, m)).unwrap_or_default()).collect()
+    };
+    let mut columns = evidence_columns(rows);
+    columns.push(("rotation off", cell(|deg, _| format!("{deg:.2}°"))));
+    columns.push(("position off", cell(|_, m| length(m))));
+    columns.push(("truth", errors.iter().map(|e| if e.1 { "right" } else { "WRONG" }.to_owned()).collect()));
+    drawn(&columns, width)
+}
+
+/// Head and cells of each column that every table of scans has.
+fn evidence_columns(rows: &[Row]) -> Vec<(&'static str, Vec<String>)> {
+    let column = |cell: fn(&Row) -> String| rows.iter().map(cell).collect();
+    vec![
+        ("scan", column(|r| r.scan.clone())),
+        ("outcome", column(|r| r.outcome.to_owned())),
+        ("step", column(|r| number(r.step))),
+        ("parent", column(|r| r.parent.clone().unwrap_or_default())),
+        ("matches", column(|r| number(r.matches))),
+        ("inliers", column(|r| number(r.inliers))),
+        ("ratio", column(|r| share(r.inlier_ratio))),
+        ("overlap", column(|r| share(r.overlap))),
+        ("residual", column(|r| r.residual_m.map(length).unwrap_or_default())),
+    ]
+}
+
+fn number(value: Option<usize>) -> String {
+    value.map(|v| v.to_string()).unwrap_or_default()
+}
+
+fn share(value: Option<f64>) -> String {
+    value.map(|v| format!("{v:.2}")).unwrap_or_default()
+}
+
+fn drawn(columns: &[(&str, Vec<String>)], width: Option<u16>) -> String {
+    const TEXT: [&str; 5] = ["scan", "outcome", "parent", "reason", "truth"];
     let mut table = Table::new();
-    table.load_style(presets::UTF8_HORIZONTAL_ONLY).set_content_arrangement(ContentArrangement::Dynamic);
+    table.load_style(STYLE).set_content_arrangement(ContentArrangement::Dynamic);
     if let Some(width) = width {
         table.set_width(width);
     }
-    table.set_header(heads.iter().map(|h| Cell::new(h).add_attribute(Attribute::Bold)));
-    for row in rows {
-        let number = |v: Option<usize>| v.map(|v| v.to_string()).unwrap_or_default();
-        let share = |v: Option<f64>| v.map(|v| format!("{v:.2}")).unwrap_or_default();
-        let mut cells = vec![row.scan.clone(), row.outcome.to_owned()];
-        if components > 0 {
-            cells.push(number(row.component));
-        }
-        cells.extend([
-            number(row.step),
-            row.parent.clone().unwrap_or_default(),
-            number(row.matches),
-            number(row.inliers),
-            share(row.inlier_ratio),
-            share(row.overlap),
-            row.residual_m.map(length).unwrap_or_default(),
-        ]);
-        if explained {
-            cells.push(row.reason.clone().unwrap_or_default());
-        }
-        table.add_row(cells);
+    table.set_header(columns.iter().map(|(head, _)| Cell::new(head).add_attribute(Attribute::Bold)));
+    for row in 0..columns.first().map_or(0, |c| c.1.len()) {
+        table.add_row(columns.iter().map(|(_, cells)| cells[row].as_str()));
     }
-    for (i, head) in heads.iter().enumerate() {
-        if let Some(column) = table.column_mut(i).filter(|_| !["scan", "outcome", "parent", "reason"].contains(head))
-        {
+    for (i, _) in columns.iter().enumerate().filter(|(_, c)| !TEXT.contains(&c.0)) {
+        if let Some(column) = table.column_mut(i) {
             column.set_cell_alignment(CellAlignment::Right);
         }
     }

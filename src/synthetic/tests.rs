@@ -1,8 +1,14 @@
 //! Tests of whole synthetic sets.
 
 use super::*;
-use crate::geometry::overlap::two_way_overlap;
+use crate::geometry::Point;
+use crate::geometry::neighbours::RadiusGrid;
+use crate::geometry::overlap::{self, Overlap};
 use crate::monitor::Silent;
+
+fn two_way_overlap(a: &[Point], b: &[Point], a_from_b: &RigidMotion, radius_m: f32) -> Overlap {
+    overlap::two_way_overlap(&RadiusGrid::new(a, radius_m), &RadiusGrid::new(b, radius_m), a_from_b)
+}
 
 fn small(seed: u64) -> SynthConfig {
     SynthConfig { seed, scans: 8, ..SynthConfig::default() }
@@ -12,7 +18,7 @@ fn relative(set: &SyntheticSet, i: ScanId, j: ScanId) -> RigidMotion {
     set.world_from_scan[i.0].inverse() * set.world_from_scan[j.0]
 }
 
-fn overlap(set: &SyntheticSet, i: ScanId, j: ScanId) -> crate::geometry::overlap::Overlap {
+fn overlap(set: &SyntheticSet, i: ScanId, j: ScanId) -> Overlap {
     let (a, b) = (&set.scans[i.0].cloud.points, &set.scans[j.0].cloud.points);
     two_way_overlap(a, b, &relative(set, i, j), 0.05)
 }
