@@ -40,11 +40,15 @@ pub struct Arguments {
     /// Settings to start from: `default` (the best known) or `paper` (as published).
     #[arg(long, value_name = "NAME", default_value = scanweave::config::DEFAULT_PRESET)]
     preset: String,
+    /// One setting laid over it; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    assignments: Vec<String>,
 }
 
 pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
     let seed = Some(arguments.scene.seed);
-    let settings = SettingOptions { preset: arguments.preset.clone(), seed, ..SettingOptions::default() };
+    let (preset, assignments) = (arguments.preset.clone(), arguments.assignments.clone());
+    let settings = SettingOptions { preset, assignments, seed, ..SettingOptions::default() };
     let config = settings.config()?;
     let folder = match &arguments.output {
         Some(path) => Some(ResultFolder::open(path, arguments.force)?),

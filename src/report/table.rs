@@ -69,8 +69,8 @@ pub fn against_truth(rows: &[Row], errors: &[(Option<(f64, f64)>, bool)], width:
         errors.iter().map(|(e, _)| e.map(|(deg, m)| text(deg, m)).unwrap_or_default()).collect()
     };
     let mut columns = evidence_columns(rows);
-    columns.push(("rotation off", cell(|deg, _| format!("{deg:.2}°"))));
-    columns.push(("position off", cell(|_, m| length(m))));
+    columns.push(("angle off", cell(|deg, _| format!("{deg:.2}°"))));
+    columns.push(("shift off", cell(|_, m| length(m))));
     columns.push(("truth", errors.iter().map(|e| if e.1 { "right" } else { "WRONG" }.to_owned()).collect()));
     drawn(&columns, width)
 }
