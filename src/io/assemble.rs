@@ -1,0 +1,128 @@
+//! From decoded rows to a [`PointCloud`]: one place for what every format shares.
+//!
+//! Rows with a non-finite coordinate are dropped and counted; coordinates too
+//! large for single precision are moved to a rounded origin first.
+
+use crate::geometry::Point;
+use crate::scan::PointCloud;
+use nalgebra::Vector3;
+
+/// Coordinates beyond this are taken as georeferenced: single precision
+/// resolves 1 mm at 10 km and gets worse from there.
+const LARGE_COORDINATE_M: f64 = 1e4;
+/// The origin is a multiple of this, so that it reads well in a report.
+const ORIGIN_STEP_M: f64 = 100.0;
+/// Rows looked at to choose the origin.
+const ORIGIN_SAMPLES: usize = 1001;
+
+/// Builds a cloud of `rows` rows whose coordinates `xyz_m(i)` and colours `rgb(i)` are read on demand.
+///
+/// `viewpoint_m` is in file coordinates; `None` puts it at the zero of the cloud's frame.
+pub(super) fn assemble(
+    rows: usize,
+    xyz_m: impl Fn(usize) -> [f64; 3],
+    rgb: Option<impl Fn(usize) -> [u8; 3]>,
+    viewpoint_m: Option<[f64; 3]>,
+) -> PointCloud {
+    let origin_m = choose_origin(rows, &xyz_m);
+    let mut points = Vec::with_capacity(rows);
+    let mut colors = rgb.as_ref().map(|_| Vec::with_capacity(rows));
+    for i in 0..rows {
+        let [x, y, z] = xyz_m(i);
+        let p = Point::new((x - origin_m.x) as f32, (y - origin_m.y) as f32, (z - origin_m.z) as f32);
+        // Checked after the cast: a double beyond the range of `f32` becomes infinite there.
+        if p.x.is_finite() && p.y.is_finite() && p.z.is_finite() {
+            points.push(p);
+            if let (Some(colors), Some(rgb)) = (&mut colors, &rgb) {
+                colors.push(rgb(i));
+            }
+        }
+    }
+    let viewpoint = match viewpoint_m {
+        Some(v) if v.iter().all(|c| c.is_finite()) => {
+            Point::from((Vector3::from(v) - origin_m).cast::<f32>())
+        }
+        _ => Point::origin(),
+    };
+    PointCloud { dropped_rows: rows - points.len(), points, colors, origin_m, viewpoint }
+}
+
+/// No colours, spelled so that the type of the closure is known.
+pub(super) const NO_COLORS: Option<fn(usize) -> [u8; 3]> = None;
+
+/// Zero, or for each axis whose median over evenly spread rows is large, that median rounded.
+///
+/// The median, not the first row or the mean: one wild row must not move the cloud.
+fn choose_origin(rows: usize, xyz_m: &impl Fn(usize) -> [f64; 3]) -> Vector3<f64> {
+    let step = rows.div_ceil(ORIGIN_SAMPLES).max(1);
+    let sample: Vec<[f64; 3]> =
+        (0..rows).step_by(step).map(xyz_m).filter(|p| p.iter().all(|c| c.is_finite())).collect();
+    let median = |axis: usize| {
+        let mut values: Vec<f64> = sample.iter().map(|p| p[axis]).collect();
+        let middle = values.len() / 2;
+        if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    };
+    Vector3::from_fn(|axis, _| {
+        let m = median(axis);
+        if m.abs() > LARGE_COORDINATE_M { (m / ORIGIN_STEP_M).round() * ORIGIN_STEP_M } else { 0.0 }
+    })
+}
+
+/// Turns colour channels of unknown range into bytes: values all in `[0, 1]` are fractions,
+/// values up to 255 are bytes, larger ones 16-bit.
+pub(super) fn channels_to_bytes(values: &[[f64; 3]]) -> Vec<[u8; 3]> {
+    let largest = values.iter().flatten().copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
+    let scale = if largest <= 1.0 {
+        255.0
+    } else if largest <= 255.0 {
+        1.0
+    } else {
+        255.0 / 65535.0
+    };
+    // `as u8` saturates and takes NaN to zero.
+    values.iter().map(|c| c.map(|v| (v * scale).round() as u8)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn georeferenced_coordinates_keep_millimetres() {
+        // UTM-like; f32 alone resolves 0.5 m at 5.8e6.
+        let rows = [[431_250.123, 5_812_345.678, 101.5], [431_251.124, 5_812_346.679, 102.0]];
+        let cloud = assemble(2, |i| rows[i], NO_COLORS, Some([431_250.0, 5_812_345.0, 100.0]));
+        assert_eq!(cloud.origin_m, Vector3::new(431_300.0, 5_812_300.0, 0.0));
+        for (p, row) in cloud.points.iter().zip(rows) {
+            let back = p.coords.cast::<f64>() + cloud.origin_m;
+            // f32 spacing below 128 m is 7.6e-6 m.
+            assert!((back - Vector3::from(row)).amax() < 1e-5, "{back:?}");
+        }
+        assert!((cloud.viewpoint - Point::new(-50.0, 45.0, 100.0)).norm() < 1e-4);
+    }
+
+    #[test]
+    fn a_wild_row_does_not_move_the_cloud_and_non_finite_rows_are_counted() {
+        let rows = [
+            [1e30, 0.0, 0.0],
+            [1.0, 2.0, 3.0],
+            [f64::NAN, 0.0, 0.0],
+            [4.0, 5.0, 6.0],
+            [1e300, 0.0, 0.0],
+            [7.0, 8.0, 9.0],
+        ];
+        let cloud = assemble(6, |i| rows[i], Some(|i: usize| [i as u8; 3]), None);
+        assert_eq!(cloud.origin_m, Vector3::zeros());
+        let kept = [[1e30, 0.0, 0.0], [1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]];
+        assert_eq!(cloud.points, kept.map(Point::from));
+        assert_eq!(cloud.colors, Some(vec![[0; 3], [1; 3], [3; 3], [5; 3]]));
+        assert_eq!(cloud.dropped_rows, 2);
+    }
+
+    #[test]
+    fn colour_ranges() {
+        assert_eq!(channels_to_bytes(&[[0.0, 0.5, 1.0]]), [[0, 128, 255]]);
+        assert_eq!(channels_to_bytes(&[[0.0, 128.0, 255.0]]), [[0, 128, 255]]);
+        assert_eq!(channels_to_bytes(&[[0.0, 32896.0, 65535.0]]), [[0, 128, 255]]);
+    }
+}

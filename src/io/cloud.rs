@@ -1,0 +1,139 @@
+//! One entry for every cloud format: content first, extension second.
+
+use super::{depth, npy, pcd, ply, text};
+use crate::error::{Error, Result};
+use crate::scan::PointCloud;
+use std::fs;
+use std::path::Path;
+
+/// Formats [`read_cloud`] can tell apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Ply,
+    Pcd,
+    Text,
+    Npy,
+    Npz,
+    Las,
+    E57,
+    DepthPng,
+}
+
+/// What to give instead of a file that cannot be read, for messages.
+pub(super) const FORMATS: &str =
+    "PLY, PCD, XYZ/PTS/TXT/ASC/CSV text, NPY, NPZ, LAS/LAZ, E57 or a 16-bit depth PNG";
+
+/// Reads one scan. The format is told by the file's first bytes, and by its
+/// extension where those are plain text.
+///
+/// Rows with non-finite coordinates are dropped and counted; coordinates beyond
+/// 10 km are moved to a rounded `origin_m`. A depth PNG is back-projected with
+/// the intrinsics found beside it (see [`depth::find_intrinsics`]), 1000 units a metre.
+/// An empty cloud is not an error here; [`read_scans`](super::read_scans) refuses it.
+///
+/// # Errors
+/// [`Error::Read`] when the system refuses, [`Error::File`] when the content cannot be used;
+/// a file that ends early says what was found and what its header promised.
+pub fn read_cloud(path: impl AsRef<Path>) -> Result<PointCloud> {
+    let path = path.as_ref();
+    if path.is_dir() {
+        let remedy = "name a file in it, or pass the folder as an input of its own";
+        return Err(Error::file(path, "a folder", "a scan file", remedy));
+    }
+    let bytes = fs::read(path).map_err(|e| Error::read(path, e))?;
+    if bytes.is_empty() {
+        return Err(Error::file(path, "an empty file", FORMATS, "export or copy the scan again"));
+    }
+    match format_of(path, &bytes)? {
+        Format::Ply => ply::read(path, &bytes),
+        Format::Pcd => pcd::read(path, &bytes),
+        Format::Text => text::read(path, &bytes),
+        Format::Npy => npy::read_npy(path, &bytes),
+        Format::Npz => npy::read_npz(path, &bytes),
+        Format::Las => read_las(path),
+        Format::E57 => read_e57(path),
+        Format::DepthPng => {
+            let intrinsics = depth::find_intrinsics(path)?;
+            depth::decode_depth_png(path, &bytes)?.to_cloud(&intrinsics, depth::UNITS_PER_M)
+        }
+    }
+}
+
+fn format_of(path: &Path, bytes: &[u8]) -> Result<Format> {
+    let begins = |magic: &[u8]| bytes.starts_with(magic);
+    if begins(b"ply\n") || begins(b"ply\r") || begins(b"ply ") {
+        return Ok(Format::Ply);
+    }
+    if begins(b"\x93NUMPY") {
+        return Ok(Format::Npy);
+    }
+    if begins(b"PK\x03\x04") || begins(b"PK\x05\x06") {
+        return Ok(Format::Npz);
+    }
+    if begins(b"LASF") {
+        return Ok(Format::Las);
+    }
+    if begins(b"ASTM-E57") {
+        return Ok(Format::E57);
+    }
+    if begins(b"\x89PNG") {
+        return Ok(Format::DepthPng);
+    }
+    if looks_like_pcd(bytes) {
+        return Ok(Format::Pcd);
+    }
+    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    let is_text = matches!(extension.as_str(), "xyz" | "pts" | "txt" | "asc" | "csv" | "xyzrgb" | "xyzn");
+    let head = &bytes[..bytes.len().min(512)];
+    if is_text && !head.contains(&0) {
+        return Ok(Format::Text);
+    }
+    let start: String = String::from_utf8_lossy(&head[..head.len().min(12)]).escape_debug().collect();
+    let found = format!("a file that begins with '{start}'");
+    let (expected, remedy) = if is_text {
+        ("lines of numbers".to_owned(), "name the file after its real format")
+    } else {
+        (
+            FORMATS.to_owned(),
+            "export the scan in one of these; plain text needs the extension .xyz, .pts, .txt, .asc or .csv",
+        )
+    };
+    Err(Error::file(path, found, expected, remedy))
+}
+
+/// PCD has no magic: its first line that is no comment begins with VERSION or FIELDS.
+fn looks_like_pcd(bytes: &[u8]) -> bool {
+    let head = String::from_utf8_lossy(&bytes[..bytes.len().min(1024)]).into_owned();
+    let first = head.lines().map(str::trim).find(|l| !l.is_empty() && !l.starts_with('#'));
+    head.starts_with("# .PCD") || first.is_some_and(|l| l.starts_with("VERSION") || l.starts_with("FIELDS"))
+}
+
+#[cfg(feature = "las")]
+fn read_las(path: &Path) -> Result<PointCloud> {
+    super::las::read(path)
+}
+
+#[cfg(not(feature = "las"))]
+fn read_las(path: &Path) -> Result<PointCloud> {
+    Err(feature_missing(path, "LAS/LAZ", "las"))
+}
+
+#[cfg(feature = "e57")]
+fn read_e57(path: &Path) -> Result<PointCloud> {
+    super::e57::read(path)
+}
+
+#[cfg(not(feature = "e57"))]
+fn read_e57(path: &Path) -> Result<PointCloud> {
+    Err(feature_missing(path, "E57", "e57"))
+}
+
+#[cfg(any(not(feature = "las"), not(feature = "e57")))]
+fn feature_missing(path: &Path, format: &str, feature: &str) -> Error {
+    Error::file(
+        path,
+        format!("a {format} file"),
+        format!("a build with the cargo feature '{feature}'"),
+        format!("build with --features {feature}, or export the scan as PLY"),
+    )
+}

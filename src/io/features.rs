@@ -1,0 +1,248 @@
+//! Precomputed local features: one NPZ a scan, or the folders of SGHR and IMVR.
+
+use super::npy::{self, Array};
+use super::poses::read_text;
+use super::scalar::parse_number;
+use super::{atomic, read_cloud};
+use crate::error::{Error, Result};
+use crate::geometry::{Direction, Point};
+use crate::scan::{Descriptors, Features, PointCloud};
+use nalgebra::Vector3;
+use ndarray::Array2;
+use ndarray_npy::NpzWriter;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Reads `keypoints` [n,3] metres, `descriptors` [n,D] and, where it is there, `normals` [n,3] from an NPZ.
+///
+/// Descriptors are scaled to unit length. Keypoints are in the scan's own frame,
+/// without the `origin_m` of a georeferenced cloud.
+///
+/// # Errors
+/// [`Error::Read`]; [`Error::File`] for a missing array, a wrong shape, lengths that disagree
+/// or a number that is not finite.
+pub fn read_npz(path: impl AsRef<Path>) -> Result<Features> {
+    let path = path.as_ref();
+    let bytes = fs::read(path).map_err(|e| Error::read(path, e))?;
+    let arrays = npy::read_archive(path, &bytes)?;
+    let get = |key: &str| arrays.iter().find(|(k, _)| k == key).map(|(_, a)| a);
+    let need = |key: &str| {
+        get(key).ok_or_else(|| {
+            let keys: Vec<&str> = arrays.iter().map(|(k, _)| k.as_str()).collect();
+            let found = format!("arrays [{}]", keys.join(", "));
+            let remedy = "save with numpy.savez(path, keypoints=…, descriptors=…)";
+            Error::file(path, found, format!("an array '{key}'"), remedy)
+        })
+    };
+    let keypoints = points(path, "keypoints", need("keypoints")?)?;
+    let descriptors = descriptors(path, "descriptors", need("descriptors")?)?;
+    let normals = get("normals").map(|a| points(path, "normals", a)).transpose()?;
+    if let Some(normals) = &normals {
+        same_length((path, "normals", normals.len()), (path, "keypoints", keypoints.len()))?;
+    }
+    same_length((path, "keypoints", keypoints.len()), (path, "descriptors", descriptors.len()))?;
+    let normals =
+        normals.map(|v| v.iter().map(|p| p.coords.try_normalize(0.0).unwrap_or_default()).collect());
+    join(path, keypoints, normals, descriptors)
+}
+
+/// Writes what [`read_npz`] reads, as 32-bit floats.
+///
+/// # Errors
+/// [`Error::Write`].
+pub fn write_npz(path: impl AsRef<Path>, features: &Features) -> Result<()> {
+    let triples = |rows: &mut dyn Iterator<Item = Vector3<f32>>| {
+        let flat: Vec<f32> = rows.flat_map(|v| [v.x, v.y, v.z]).collect();
+        Array2::from_shape_vec((flat.len() / 3, 3), flat).map_err(io::Error::other)
+    };
+    atomic::write(path.as_ref(), |sink| {
+        let mut npz = NpzWriter::new(sink);
+        let shape = (features.len(), features.descriptors.dim());
+        let values = features.descriptors.values().to_vec();
+        let descriptors = Array2::from_shape_vec(shape, values).map_err(io::Error::other)?;
+        let keypoints = triples(&mut features.keypoints.iter().map(|p| p.coords))?;
+        npz.add_array("keypoints", &keypoints).map_err(io::Error::other)?;
+        npz.add_array("descriptors", &descriptors).map_err(io::Error::other)?;
+        if let Some(normals) = &features.normals {
+            let normals = triples(&mut normals.iter().copied())?;
+            npz.add_array("normals", &normals).map_err(io::Error::other)?;
+        }
+        npz.finish().map_err(io::Error::other)?;
+        Ok(())
+    })
+}
+
+/// Reads the features of scan number `index` from a data set laid out as SGHR and IMVR publish it:
+/// `Keypoints/cloud_bin_<i>Keypoints.txt` (one row index of the cloud a line, or points) or `.npy`, and
+/// `<desc_name>_desc/<i>.npy` [n,D].
+///
+/// `index` is the number in the file names; `cloud` is that scan, as read from `PointCloud/cloud_bin_<i>.ply`.
+///
+/// # Errors
+/// [`Error::Read`]; [`Error::File`] for an index beyond the cloud, or keypoints and descriptors whose
+/// lengths disagree, naming both files and both lengths.
+pub fn read_sghr(
+    dataset_dir: impl AsRef<Path>,
+    desc_name: &str,
+    index: usize,
+    cloud: &PointCloud,
+) -> Result<Features> {
+    let dir = dataset_dir.as_ref();
+    let keypoint_file = find_keypoints(dir, index)?;
+    let keypoints = sghr_keypoints(&keypoint_file, cloud)?;
+    let descriptor_file = dir.join(format!("{desc_name}_desc")).join(format!("{index}.npy"));
+    let array = read_npy(&descriptor_file)?;
+    let descriptors = descriptors(&descriptor_file, "an array", &array)?;
+    same_length(
+        (&keypoint_file, "keypoints", keypoints.len()),
+        (&descriptor_file, "descriptors", descriptors.len()),
+    )?;
+    join(&descriptor_file, keypoints, None, descriptors)
+}
+
+/// [`read_sghr`] with the cloud read from the data set's `PointCloud/cloud_bin_<index>.ply`.
+///
+/// # Errors
+/// Those of [`read_cloud`] and [`read_sghr`].
+pub fn read_sghr_scan(dataset_dir: impl AsRef<Path>, desc_name: &str, index: usize) -> Result<Features> {
+    let dir = dataset_dir.as_ref();
+    let cloud = read_cloud(dir.join("PointCloud").join(format!("cloud_bin_{index}.ply")))?;
+    read_sghr(dir, desc_name, index, &cloud)
+}
+
+fn find_keypoints(dir: &Path, index: usize) -> Result<PathBuf> {
+    let named = format!("cloud_bin_{index}Keypoints");
+    let candidates = [
+        dir.join("Keypoints").join(format!("{named}.txt")),
+        dir.join("Keypoints").join(format!("{named}.npy")),
+        dir.join("Keypoints_PC").join(format!("{named}.npy")),
+        dir.join("Keypoints").join(format!("{index}.txt")),
+        dir.join("Keypoints").join(format!("{index}.npy")),
+    ];
+    candidates.into_iter().find(|p| p.is_file()).ok_or_else(|| {
+        let expected = format!("Keypoints/{named}.txt or .npy");
+        Error::file(
+            dir,
+            format!("no keypoints of scan {index}"),
+            expected,
+            "add the keypoints, or compute features anew",
+        )
+    })
+}
+
+fn sghr_keypoints(path: &Path, cloud: &PointCloud) -> Result<Vec<Point>> {
+    let array =
+        if path.extension().is_some_and(|e| e == "npy") { read_npy(path)? } else { read_table(path)? };
+    match array.shape[..] {
+        [_] | [_, 1] => {
+            array.values.iter().enumerate().map(|(row, &v)| by_index(path, cloud, row, v)).collect()
+        }
+        // In the file's coordinates, as the cloud was before its origin was taken off.
+        _ => {
+            let rows = array
+                .points()
+                .ok_or_else(|| bad_shape(path, "an array", &array, "[n] row indices or [n, 3] points"))?;
+            Ok(rows
+                .into_iter()
+                .map(|p| Point::from((Vector3::from(p) - cloud.origin_m).cast::<f32>()))
+                .collect())
+        }
+    }
+}
+
+fn by_index(path: &Path, cloud: &PointCloud, row: usize, value: f64) -> Result<Point> {
+    let bad = |found: String, expected: String, remedy: &str| Err(Error::file(path, found, expected, remedy));
+    if cloud.dropped_rows > 0 {
+        let found = format!("row indices into a cloud of which {} rows are not finite", cloud.dropped_rows);
+        let remedy = "give keypoints as points [n,3], or remove those rows and index again";
+        return bad(found, "a cloud whose rows are all finite".into(), remedy);
+    }
+    let n = cloud.len();
+    if !(value >= 0.0 && value.fract() == 0.0 && value < n as f64) {
+        let found = format!("index {value} in row {}", row + 1);
+        return bad(
+            found,
+            format!("whole numbers below {n}, the cloud's size"),
+            "use the keypoints of this very cloud",
+        );
+    }
+    Ok(cloud.points[value as usize])
+}
+
+/// Numbers of a text file, one row a line.
+fn read_table(path: &Path) -> Result<Array> {
+    let text = read_text(path)?;
+    let mut values = Vec::new();
+    let mut columns = None;
+    let mut rows = 0;
+    for (index, line) in text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty() && !l.starts_with('#'))
+    {
+        let words = line.split(|c: char| c.is_whitespace() || c == ',').filter(|w| !w.is_empty());
+        let row: Option<Vec<f64>> = words.map(parse_number).collect();
+        let row = row.filter(|r| *columns.get_or_insert(r.len()) == r.len()).ok_or_else(|| {
+            let found = format!("line {} '{}'", index + 1, line.trim().chars().take(80).collect::<String>());
+            Error::file(path, found, "the same number of numbers in every line", "write the keypoints again")
+        })?;
+        values.extend(row);
+        rows += 1;
+    }
+    Ok(Array { shape: vec![rows, columns.unwrap_or(1)], values })
+}
+
+fn read_npy(path: &Path) -> Result<Array> {
+    npy::read_array(path, "", &fs::read(path).map_err(|e| Error::read(path, e))?)
+}
+
+fn bad_shape(path: &Path, what: &str, array: &Array, expected: &str) -> Error {
+    Error::file(path, format!("{what} of shape {:?}", array.shape), expected, "save it again in that shape")
+}
+
+fn points(path: &Path, what: &str, array: &Array) -> Result<Vec<Point>> {
+    if array.matrix().is_none_or(|(_, c)| c != 3) {
+        return Err(bad_shape(path, what, array, "shape [n, 3]"));
+    }
+    let (rows, _) = array.values.as_chunks::<3>();
+    Ok(rows.iter().map(|r| Point::from(r.map(|v| v as f32))).collect())
+}
+
+fn descriptors(path: &Path, what: &str, array: &Array) -> Result<Descriptors> {
+    let (_, dim) =
+        array.matrix().filter(|&(_, d)| d > 0).ok_or_else(|| bad_shape(path, what, array, "shape [n, D]"))?;
+    let values = array.values.iter().map(|&v| v as f32).collect();
+    Ok(Descriptors::new(dim, values).map_err(|e| of_file(path, e))?.normalized())
+}
+
+fn join(
+    path: &Path,
+    keypoints: Vec<Point>,
+    normals: Option<Vec<Direction>>,
+    descriptors: Descriptors,
+) -> Result<Features> {
+    Features::new(keypoints, normals, descriptors).map_err(|e| of_file(path, e))
+}
+
+/// An error about values, made one about the file they came from.
+fn of_file(path: &Path, error: Error) -> Error {
+    match error {
+        Error::Input { subject, found, expected, remedy } => {
+            Error::file(path, format!("{subject} with {found}"), expected, remedy)
+        }
+        other => other,
+    }
+}
+
+type Counted<'a> = (&'a Path, &'a str, usize);
+
+fn same_length((path, what, n): Counted<'_>, (other_path, other, m): Counted<'_>) -> Result<()> {
+    if n == m {
+        return Ok(());
+    }
+    let place = if path == other_path { String::new() } else { format!(" as in {}", other_path.display()) };
+    Err(Error::file(
+        path,
+        format!("{n} {what}"),
+        format!("{m}, one for each of the {m} {other}{place}"),
+        "write both from the same run",
+    ))
+}

@@ -1,0 +1,32 @@
+//! Reading scans, features, poses and data sets; writing clouds and poses.
+//!
+//! One file per format. [`read_cloud`] reads any cloud, [`discover`] finds the
+//! files, [`read_scans`] reads many; everything that is written goes through
+//! [`atomic::write`].
+
+mod assemble;
+pub mod atomic;
+mod cloud;
+pub mod dataset;
+pub mod depth;
+mod discover;
+#[cfg(feature = "e57")]
+mod e57;
+pub mod features;
+#[cfg(feature = "las")]
+mod las;
+mod lzf;
+mod npy;
+mod pcd;
+mod ply;
+mod ply_header;
+pub mod poses;
+mod scalar;
+mod scans;
+mod text;
+mod write_ply;
+
+pub use cloud::read_cloud;
+pub use discover::{discover, scan_files};
+pub use scans::{read_scans, unique_names};
+pub use write_ply::{PlyCloud, write_ply};

@@ -1,0 +1,56 @@
+//! Writing clouds as binary PLY.
+
+use super::atomic;
+use crate::error::{Error, Result};
+use crate::geometry::Point;
+use std::io::Write;
+use std::path::Path;
+
+/// A cloud to be written: points, and what goes with each.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct PlyCloud<'a> {
+    /// `[n,3]`, metres.
+    pub points: &'a [Point],
+    /// `[n]` sRGB colours.
+    pub colors: Option<&'a [[u8; 3]]>,
+    /// `[n]` number of the scan a point comes from.
+    pub scans: Option<&'a [i32]>,
+}
+
+/// Writes binary little-endian PLY: `float x y z`, then, where given, `uchar red green blue` and `int scan`.
+///
+/// # Errors
+/// [`Error::Input`] when lengths differ, [`Error::Write`].
+pub fn write_ply(path: impl AsRef<Path>, cloud: &PlyCloud<'_>) -> Result<()> {
+    let n = cloud.points.len();
+    let lengths = [("colours", cloud.colors.map(<[_]>::len)), ("scan numbers", cloud.scans.map(<[_]>::len))];
+    for (what, length) in lengths {
+        if let Some(length) = length.filter(|&l| l != n) {
+            let expected = format!("{n}, one for each point");
+            return Err(Error::input(what, length.to_string(), expected, "give one value for every point"));
+        }
+    }
+    atomic::write(path.as_ref(), |w| {
+        write!(w, "ply\nformat binary_little_endian 1.0\ncomment lengths in metres\nelement vertex {n}\n")?;
+        write!(w, "property float x\nproperty float y\nproperty float z\n")?;
+        if cloud.colors.is_some() {
+            write!(w, "property uchar red\nproperty uchar green\nproperty uchar blue\n")?;
+        }
+        if cloud.scans.is_some() {
+            writeln!(w, "property int scan")?;
+        }
+        writeln!(w, "end_header")?;
+        for (i, p) in cloud.points.iter().enumerate() {
+            for c in [p.x, p.y, p.z] {
+                w.write_all(&c.to_le_bytes())?;
+            }
+            if let Some(colors) = cloud.colors {
+                w.write_all(&colors[i])?;
+            }
+            if let Some(scans) = cloud.scans {
+                w.write_all(&scans[i].to_le_bytes())?;
+            }
+        }
+        Ok(())
+    })
+}
