@@ -33,6 +33,7 @@ fn estimation(c: &mut Criterion) {
         let (s, t) = (point(), point());
         matches.pairs.push((i, i));
         matches.source.push(s);
+        matches.scores.push(0.0);
         matches.target.push(if i < 75 { s } else { t });
     }
     for (name, kind, hypotheses) in [

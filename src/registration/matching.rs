@@ -14,6 +14,8 @@ pub struct Matches {
     pub source: Vec<Point>,
     /// Their counterparts, in the target's frame, one a pair.
     pub target: Vec<Point>,
+    /// How near the descriptors are, one a pair: x·y − ½‖y‖², greater is nearer.
+    pub scores: Vec<f32>,
 }
 
 impl Matches {
@@ -25,6 +27,17 @@ impl Matches {
     /// True when there is none.
     pub fn is_empty(&self) -> bool {
         self.pairs.is_empty()
+    }
+
+    /// The `at_most` matches whose descriptors are nearest, in their original order.
+    pub fn nearest_in_descriptor_space(&self, at_most: usize) -> Vec<usize> {
+        let mut chosen: Vec<usize> = (0..self.len()).collect();
+        if chosen.len() > at_most {
+            chosen.sort_by(|&a, &b| self.scores[b].total_cmp(&self.scores[a]).then(a.cmp(&b)));
+            chosen.truncate(at_most);
+            chosen.sort_unstable();
+        }
+        chosen
     }
 }
 
@@ -95,6 +108,7 @@ impl NearestCache {
                 matches.pairs.push((k as u32, best.index));
                 matches.source.push(keypoints[k]);
                 matches.target.push(meta.points()[best.index as usize]);
+                matches.scores.push(best.score);
             }
         }
         matches

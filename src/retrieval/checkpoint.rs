@@ -62,6 +62,8 @@ pub struct DataSummary {
     pub train_scans: usize,
     /// Scans in the validation scenes.
     pub valid_scans: usize,
+    /// BLAKE3 of all features and poses, so that a run is only continued on the same data.
+    pub hash: String,
 }
 
 /// Everything about a checkpoint but its numbers.

@@ -5,7 +5,7 @@ use super::netvlad::{NetVlad, NetVladWeights, values};
 use crate::error::{Error, Result};
 use crate::monitor::Monitor;
 use crate::scan::Descriptors;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Gradients, Tensor, TensorData};
 use rayon::prelude::*;
 
 /// Parameters of a pooling head as plain numbers: what a checkpoint holds.
@@ -28,6 +28,22 @@ impl HeadWeights {
         match self {
             HeadWeights::NetVlad(w) => w.dim,
             HeadWeights::Gem { dim, .. } => *dim,
+        }
+    }
+
+    /// The trainable parameters, row-major, in the order of [`Head::gradients`].
+    pub fn parameters(&self) -> Vec<&[f32]> {
+        match self {
+            HeadWeights::NetVlad(w) => vec![&w.weight, &w.bias, &w.centroids],
+            HeadWeights::Gem { config, .. } => vec![std::slice::from_ref(&config.power)],
+        }
+    }
+
+    /// [`parameters`](Self::parameters), to be changed.
+    pub fn parameters_mut(&mut self) -> Vec<&mut [f32]> {
+        match self {
+            HeadWeights::NetVlad(w) => vec![&mut w.weight, &mut w.bias, &mut w.centroids],
+            HeadWeights::Gem { config, .. } => vec![std::slice::from_mut(&mut config.power)],
         }
     }
 
@@ -62,6 +78,23 @@ impl Head {
             Head::NetVlad(layer) => layer.forward(descriptors),
             Head::Gem(layer) => layer.forward(descriptors),
             Head::Mean => mean_pooling(descriptors),
+        }
+    }
+
+    /// Gradient of every trainable parameter, row-major, in the order of
+    /// [`HeadWeights::parameters`]; empty where a parameter took no part.
+    pub fn gradients(&self, gradients: &Gradients) -> Vec<Vec<f32>> {
+        fn of<const D: usize>(parameter: Tensor<D>, gradients: &Gradients) -> Vec<f32> {
+            parameter.grad(gradients).map(values).unwrap_or_default()
+        }
+        match self {
+            Head::NetVlad(layer) => vec![
+                of(layer.weight.val(), gradients),
+                of(layer.bias.val(), gradients),
+                of(layer.centroids.val(), gradients),
+            ],
+            Head::Gem(layer) => vec![of(layer.power.val(), gradients)],
+            Head::Mean => Vec::new(),
         }
     }
 }

@@ -11,7 +11,9 @@ pub mod head;
 pub mod import;
 pub mod kmeans;
 pub mod netvlad;
+pub mod scores;
 pub mod similarity;
+pub mod train;
 
 pub use checkpoint::{Checkpoint, DescriptorTag};
 pub use head::{Head, HeadWeights};

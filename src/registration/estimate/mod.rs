@@ -35,9 +35,14 @@ pub fn estimate(matches: &Matches, config: &EstimatorConfig, radius_m: f64, seed
         return Vec::new();
     }
     let correspondences = Correspondences::new(&matches.source, &matches.target);
+    let nearest = matches.nearest_in_descriptor_space(config.max_matches);
+    let nearest = Correspondences::new(
+        &nearest.iter().map(|&m| matches.source[m]).collect::<Vec<_>>(),
+        &nearest.iter().map(|&m| matches.target[m]).collect::<Vec<_>>(),
+    );
     let proposals = match config.kind {
-        EstimatorKind::Ransac => ransac::propose(&correspondences, config, radius_m, seed),
-        EstimatorKind::SpatialCompatibility => spatial::propose(&correspondences, config, radius_m),
+        EstimatorKind::Ransac => ransac::propose(&nearest, config, radius_m, seed),
+        EstimatorKind::SpatialCompatibility => spatial::propose(&nearest, config, radius_m),
     };
     let refined = distinct(proposals, PROPOSALS, radius_m)
         .into_iter()
@@ -109,6 +114,7 @@ mod tests {
             matches.pairs.push((i as u32, i as u32));
             matches.source.push(s);
             matches.target.push(t);
+            matches.scores.push(0.0);
         }
         (matches, truth)
     }
@@ -144,6 +150,7 @@ mod tests {
         for (i, s) in b.source.iter().enumerate() {
             a.pairs.push((300 + i as u32, 300 + i as u32));
             a.source.push(*s);
+            a.scores.push(0.0);
             a.target.push(if i < 60 { (truth_b * s.cast::<f64>()).cast() } else { b.target[i] });
         }
         let found = estimate(&a, &EstimatorConfig::default(), 0.07, 0);
@@ -163,6 +170,7 @@ mod tests {
         m.source = vec![m.source[0]; 3];
         m.target = vec![m.target[0]; 3];
         m.pairs = vec![(0, 0), (1, 1), (2, 2)];
+        m.scores = vec![0.0; 3];
         for kind in [EstimatorKind::Ransac, EstimatorKind::SpatialCompatibility] {
             let config = EstimatorConfig { kind, ..EstimatorConfig::default() };
             assert!(estimate(&m, &config, 0.07, 0).is_empty());

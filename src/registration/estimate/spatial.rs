@@ -20,8 +20,7 @@ pub fn propose(
     config: &EstimatorConfig,
     radius_m: f64,
 ) -> Vec<Hypothesis> {
-    let n = correspondences.len().min(config.max_matches);
-    let graph = CompatibilityGraph::new(correspondences, n, radius_m as f32);
+    let graph = CompatibilityGraph::new(correspondences, radius_m as f32);
     let seeds = seeds(&graph, correspondences, config.hypotheses, radius_m);
     seeds
         .into_iter()
@@ -45,7 +44,8 @@ struct CompatibilityGraph {
 }
 
 impl CompatibilityGraph {
-    fn new(correspondences: &Correspondences, n: usize, tolerance_m: f32) -> Self {
+    fn new(correspondences: &Correspondences, tolerance_m: f32) -> Self {
+        let n = correspondences.len();
         let words = n.div_ceil(64);
         let mut bits = vec![0u64; n * words];
         let columns = Edges::new(correspondences, words * 64);
@@ -109,7 +109,7 @@ impl Edges {
         let lay = |of: &dyn Fn(usize) -> nalgebra::Point3<f64>, padding: f32| -> [Vec<f32>; 3] {
             std::array::from_fn(|axis| {
                 let mut values: Vec<f32> =
-                    (0..correspondences.len().min(padded)).map(|i| of(i)[axis] as f32).collect();
+                    (0..correspondences.len()).map(|i| of(i)[axis] as f32).collect();
                 values.resize(padded, padding);
                 values
             })
@@ -176,7 +176,7 @@ mod tests {
         };
         let (source, target) = (cloud(150), cloud(150));
         let c = Correspondences::new(&source, &target);
-        let graph = CompatibilityGraph::new(&c, 150, 0.2);
+        let graph = CompatibilityGraph::new(&c, 0.2);
         for i in 0..150 {
             let expected: Vec<usize> = (0..150)
                 .filter(|&j| {
