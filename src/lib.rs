@@ -40,6 +40,11 @@ pub mod retrieval;
 pub mod scan;
 pub mod synthetic;
 
+/// The examples of the README, compiled with the tests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+pub struct ReadmeExamples;
+
 pub use config::Config;
 pub use error::{Error, ErrorKind, Result};
 pub use monitor::{Monitor, Silent};

@@ -38,9 +38,8 @@ pub fn svg(cloud: &MergedCloud, scans: usize) -> String {
          <g fill=\"none\" stroke-width=\"2.2\" stroke-linecap=\"round\" stroke-opacity=\"0.8\">\n"
     );
     for (scan, path) in paths.iter().enumerate().filter(|(_, p)| !p.is_empty()) {
-        // Hues a golden angle apart stay distinct for any number of scans.
-        let hue = (scan as f64 * 137.508) % 360.0;
-        writeln!(out, "<path stroke=\"hsl({hue:.0} 70% 45%)\" d=\"{path}\"/>").ok();
+        let [r, g, b] = scan_color(scan);
+        writeln!(out, "<path stroke=\"#{r:02x}{g:02x}{b:02x}\" d=\"{path}\"/>").ok();
     }
     let bar_m = 10f64.powf((span * 0.4).log10().floor());
     let (x, y) = (MARGIN + bar_m * scale, height - MARGIN);
@@ -53,6 +52,16 @@ pub fn svg(cloud: &MergedCloud, scans: usize) -> String {
     )
     .ok();
     out
+}
+
+/// A strong colour (HSV with s = 0.75, v = 0.8) for every scan; hues a golden angle apart stay
+/// distinct for any number of scans.
+fn scan_color(scan: usize) -> [u8; 3] {
+    let hue = (scan as f64 * 137.508) % 360.0 / 60.0;
+    [5.0, 3.0, 1.0].map(|n: f64| {
+        let k = (n + hue) % 6.0;
+        (255.0 * 0.8 * (1.0 - 0.75 * k.min(4.0 - k).clamp(0.0, 1.0))).round() as u8
+    })
 }
 
 /// The points in the plane of the cloud's two longest principal axes.
@@ -88,7 +97,9 @@ mod tests {
         let points: Vec<Point> = corners.map(Point::from).to_vec();
         let cloud = MergedCloud { points, colors: None, scan: vec![0, 0, 2, 2] };
         let text = svg(&cloud, 3);
-        assert_eq!(text.matches("<path stroke=\"hsl").count(), 2);
+        // Hue 0 is red: v = 204 and v (1 − s) = 51.
+        assert!(text.contains("<path stroke=\"#cc3333\""), "{text}");
+        assert_eq!(text.matches("h0\"/>").count(), 2);
         // Width 900 less two margins of 30 for 4 m: 210 px a metre.
         assert!(text.contains("M30.0 450.0h0M30.0 30.0h0"), "{text}");
         assert!(text.contains("M870.0 450.0h0M870.0 30.0h0"), "{text}");

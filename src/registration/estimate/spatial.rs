@@ -108,8 +108,7 @@ impl Edges {
     fn new(correspondences: &Correspondences, padded: usize) -> Self {
         let lay = |of: &dyn Fn(usize) -> nalgebra::Point3<f64>, padding: f32| -> [Vec<f32>; 3] {
             std::array::from_fn(|axis| {
-                let mut values: Vec<f32> =
-                    (0..correspondences.len()).map(|i| of(i)[axis] as f32).collect();
+                let mut values: Vec<f32> = (0..correspondences.len()).map(|i| of(i)[axis] as f32).collect();
                 values.resize(padded, padding);
                 values
             })
