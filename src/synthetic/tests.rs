@@ -1,14 +1,9 @@
 //! Tests of whole synthetic sets.
 
 use super::*;
-use crate::geometry::Point;
 use crate::geometry::neighbours::RadiusGrid;
-use crate::geometry::overlap::{self, Overlap};
+use crate::geometry::overlap::two_way_overlap;
 use crate::monitor::Silent;
-
-fn two_way_overlap(a: &[Point], b: &[Point], a_from_b: &RigidMotion, radius_m: f32) -> Overlap {
-    overlap::two_way_overlap(&RadiusGrid::new(a, radius_m), &RadiusGrid::new(b, radius_m), a_from_b)
-}
 
 fn small(seed: u64) -> SynthConfig {
     SynthConfig { seed, scans: 8, ..SynthConfig::default() }
@@ -18,9 +13,18 @@ fn relative(set: &SyntheticSet, i: ScanId, j: ScanId) -> RigidMotion {
     set.world_from_scan[i.0].inverse() * set.world_from_scan[j.0]
 }
 
-fn overlap(set: &SyntheticSet, i: ScanId, j: ScanId) -> Overlap {
-    let (a, b) = (&set.scans[i.0].cloud.points, &set.scans[j.0].cloud.points);
-    two_way_overlap(a, b, &relative(set, i, j), 0.05)
+fn overlap(set: &SyntheticSet, i: ScanId, j: ScanId) -> crate::geometry::overlap::Overlap {
+    overlap_at(set, i, j, &relative(set, i, j))
+}
+
+fn overlap_at(
+    set: &SyntheticSet,
+    i: ScanId,
+    j: ScanId,
+    i_from_j: &RigidMotion,
+) -> crate::geometry::overlap::Overlap {
+    let grid = |k: ScanId| RadiusGrid::new(&set.scans[k.0].cloud.points, 0.05);
+    two_way_overlap(&grid(i), &grid(j), i_from_j)
 }
 
 #[test]
@@ -36,8 +40,7 @@ fn scans_that_follow_each_other_overlap_as_stated() {
         // Under a wrong pose the truth would be told apart: 20 cm off, the overlap drops.
         let (i, j) = (set.walk[0], set.walk[1]);
         let off = RigidMotion::translation(0.12, 0.12, 0.12) * relative(&set, i, j);
-        let (a, b) = (&set.scans[i.0].cloud.points, &set.scans[j.0].cloud.points);
-        assert!(two_way_overlap(a, b, &off, 0.05).ratio < 0.8 * overlap(&set, i, j).ratio);
+        assert!(overlap_at(&set, i, j, &off).ratio < 0.8 * overlap(&set, i, j).ratio);
     }
 }
 

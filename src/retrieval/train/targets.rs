@@ -67,7 +67,8 @@ mod tests {
         let mut positive = 0;
         for i in 0..7 {
             for j in (0..7).filter(|&j| j != i) {
-                let pair = two_way_overlap(&sets[i], &sets[j], &RigidMotion::identity(), 0.1).ratio;
+                let (a, b) = (RadiusGrid::new(&sets[i], 0.1), RadiusGrid::new(&sets[j], 0.1));
+                let pair = two_way_overlap(&a, &b, &RigidMotion::identity()).ratio;
                 assert!((f64::from(all.get(i, j)) - pair).abs() < 1e-6, "{i} {j}");
                 positive += usize::from(pair > 0.0);
             }
