@@ -1,1 +1,19 @@
-fn main() {}
+//! The `scanweave` command: parse, dispatch, exit code.
+#![forbid(unsafe_code)]
+
+mod cli;
+
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let arguments = cli::Cli::parse();
+    cli::logging::start(&arguments.verbosity);
+    match cli::run(arguments) {
+        Ok(status) => status.into(),
+        Err(error) => {
+            cli::terminal::print_error(&error);
+            cli::Status::of(&error).into()
+        }
+    }
+}

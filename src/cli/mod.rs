@@ -1,0 +1,68 @@
+//! The command line: arguments → typed options → library call → print.
+//! One file a subcommand; `clap`, `anyhow` and printing live only here.
+
+mod completions;
+mod config;
+mod demo;
+mod interrupt;
+pub mod logging;
+mod man;
+mod options;
+mod outcome;
+mod progress;
+mod register;
+mod result_folder;
+mod status;
+mod synth;
+pub mod terminal;
+
+pub use status::Status;
+
+use clap::{Args, Parser, Subcommand};
+
+/// Register an unordered pile of partially overlapping 3-D scans into one model.
+///
+/// Scans go in, in any order and any number; every scan comes out either with a pose
+/// and the evidence for it or with the reason why it has none.
+#[derive(Debug, Parser)]
+#[command(name = "scanweave", version, max_term_width = 100, after_help = status::HELP)]
+pub struct Cli {
+    #[command(flatten)]
+    pub verbosity: Verbosity,
+    /// What to do.
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// How much is said on the terminal.
+#[derive(Debug, Args)]
+pub struct Verbosity {
+    /// Say more on stderr (-v stages, -vv details); progress bars are then off.
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub verbose: u8,
+    /// Say nothing but errors: no progress bars, no table.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub quiet: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Register(register::Arguments),
+    Demo(demo::Arguments),
+    Synth(synth::Arguments),
+    Config(config::Arguments),
+    Completions(completions::Arguments),
+    Man(man::Arguments),
+}
+
+/// Runs the chosen command.
+pub fn run(cli: Cli) -> anyhow::Result<Status> {
+    match cli.command {
+        Command::Register(arguments) => register::run(arguments, &cli.verbosity),
+        Command::Demo(arguments) => demo::run(arguments, &cli.verbosity),
+        Command::Synth(arguments) => synth::run(arguments, &cli.verbosity),
+        Command::Config(arguments) => config::run(arguments),
+        Command::Completions(arguments) => completions::run(&arguments),
+        Command::Man(arguments) => man::run(&arguments),
+    }
+}

@@ -1,0 +1,99 @@
+//! `scanweave register`.
+
+use super::options::{SettingOptions, ThreadOption};
+use super::progress::Progress;
+use super::result_folder::ResultFolder;
+use super::{Status, Verbosity, outcome, terminal};
+use clap::Args;
+use scanweave::config::Config;
+use scanweave::descriptor::DescriptorKind;
+use scanweave::pipeline::{self, FeatureSource, Stopwatch};
+use scanweave::scan::Scan;
+use scanweave::{Error, io};
+use std::path::PathBuf;
+
+/// Register scans: poses with evidence, and one merged cloud.
+///
+/// Writes poses.json, trajectory.log, merged.ply, config.toml and report.json into the output
+/// folder, and keeps features in its cache/ so that a second run is faster. Scans that cannot
+/// be placed are declined with a reason; the exit code is then still 0. It is 6, after
+/// everything is written, when no scan could be joined to another.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Scan files, folders of them, globs, or @list.txt with one of these a line.
+    #[arg(required = true, value_name = "SCANS")]
+    inputs: Vec<String>,
+    /// Folder for the result.
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Replace the result that the output folder already holds.
+    #[arg(long)]
+    force: bool,
+    /// Print one JSON document on stdout instead of the table.
+    #[arg(long)]
+    json: bool,
+    /// Folder of features made by another program: one NPZ a scan, named like the scan, or a
+    /// folder NAME_desc beside Keypoints/ as SGHR and IMVR publish them.
+    #[arg(long, value_name = "DIR")]
+    features: Option<PathBuf>,
+    /// Trained overlap head; the same as retrieval.checkpoint.
+    #[arg(long, value_name = "FILE")]
+    checkpoint: Option<PathBuf>,
+    #[command(flatten)]
+    threads: ThreadOption,
+    #[command(flatten)]
+    settings: SettingOptions,
+}
+
+pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    let config = effective_config(&arguments)?;
+    let folder = ResultFolder::open(&arguments.output, arguments.force)?;
+    arguments.threads.start()?;
+    let progress = Progress::start(verbosity)?;
+
+    let mut clock = Stopwatch::default();
+    let scans = clock.time("reading", || -> scanweave::Result<Vec<Scan>> {
+        io::read_scans(&io::discover(&arguments.inputs)?, &progress)
+    })?;
+    let given = match &arguments.features {
+        Some(place) => Some(clock.time("features", || pipeline::read_features(place, &scans, &progress))?),
+        None => None,
+    };
+    let cache = folder.cache();
+    let source = match &given {
+        Some(features) => FeatureSource::Given(features),
+        None if config.output.feature_cache => FeatureSource::Cached(&cache),
+        None => FeatureSource::Computed,
+    };
+    let run = pipeline::run(&scans, &config, &source, &progress)?;
+    outcome::warn(&run, &scans);
+    let written = folder.write(&scans, &run, &config, clock, &progress)?;
+
+    if arguments.json {
+        terminal::print(&written.to_json(folder.path()))?;
+    } else if !verbosity.quiet {
+        terminal::print(&outcome::table(&written.report))?;
+        terminal::print_line(&format!("written  {}", folder.path().display()))?;
+    }
+    Ok(outcome::status(&run.reconstruction))
+}
+
+fn effective_config(arguments: &Arguments) -> scanweave::Result<Config> {
+    let mut config = arguments.settings.config()?;
+    if let Some(checkpoint) = &arguments.checkpoint {
+        config.retrieval.checkpoint = Some(checkpoint.clone());
+    }
+    match (&arguments.features, config.descriptor.kind) {
+        (Some(_), _) => config.descriptor.kind = DescriptorKind::Precomputed,
+        (None, DescriptorKind::Precomputed) => {
+            return Err(Error::setting(
+                "descriptor.kind",
+                "precomputed, without a folder to read from",
+                "--features DIR with it",
+                "pass --features, or set another kind",
+            ));
+        }
+        (None, _) => {}
+    }
+    Ok(config)
+}

@@ -1,0 +1,165 @@
+//! The output folder of a registration.
+
+use scanweave::config::Config;
+use scanweave::geometry::RigidMotion;
+use scanweave::pipeline::{Run, Stopwatch};
+use scanweave::report::merged::MergedCloud;
+use scanweave::report::poses::Document;
+use scanweave::report::run::{self, RunReport, ScanSize};
+use scanweave::scan::{Scan, ScanId};
+use scanweave::{Error, Monitor, Result, io};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Written last: a folder that has it holds a whole result.
+const POSES: &str = "poses.json";
+
+/// A folder that is, or is going to be, a result.
+pub struct ResultFolder {
+    path: PathBuf,
+}
+
+/// The documents of a finished result.
+pub struct Written {
+    pub poses: Document,
+    pub report: RunReport,
+}
+
+impl ResultFolder {
+    /// Makes the folder, and makes sure that it can be written to before hours are spent.
+    pub fn open(path: &Path, force: bool) -> Result<Self> {
+        if path.join(POSES).exists() && !force {
+            return Err(Error::OutputExists { path: path.to_path_buf() });
+        }
+        std::fs::create_dir_all(path).map_err(|e| Error::write(path, e))?;
+        tempfile::tempfile_in(path).map_err(|e| Error::write(path, e))?;
+        Ok(Self { path: path.to_path_buf() })
+    }
+
+    /// The folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Where features are kept for the next run.
+    pub fn cache(&self) -> PathBuf {
+        self.path.join("cache")
+    }
+
+    /// Writes everything; each file appears whole or not at all, and poses.json last.
+    pub fn write(
+        &self,
+        scans: &[Scan],
+        run: &Run,
+        config: &Config,
+        mut clock: Stopwatch,
+        monitor: &dyn Monitor,
+    ) -> Result<Written> {
+        monitor.check("writing the result")?;
+        self.remove_old_result()?;
+        clock.stages.extend(run.timings.iter().cloned());
+        let poses = Document::new(scans, &run.reconstruction);
+        clock.time("writing", || -> Result<()> {
+            self.write_clouds(scans, run, config)?;
+            self.write_text("config.toml", &config.to_toml()?)
+        })?;
+        let report = report(scans, run, config, &poses, clock);
+        self.write_text("report.json", &report.to_json())?;
+        self.write_text(POSES, &poses.to_json())?;
+        Ok(Written { poses, report })
+    }
+
+    /// A result that is being replaced must not pass for whole meanwhile, nor leave the
+    /// files of components that the new one may not have.
+    fn remove_old_result(&self) -> Result<()> {
+        let remove = |name: &str| {
+            let path = self.path.join(name);
+            match std::fs::remove_file(&path) {
+                Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::write(&path, e)),
+                result => Ok(result.is_ok()),
+            }
+        };
+        remove(POSES)?;
+        for component in 1.. {
+            let trajectory = remove(&numbered("trajectory", component, "log"))?;
+            if !(remove(&numbered("merged", component, "ply"))? || trajectory) {
+                return Ok(());
+            }
+        }
+        Ok(())
+    }
+
+    /// A trajectory and a merged cloud for every component; the first carries no number.
+    fn write_clouds(&self, scans: &[Scan], run: &Run, config: &Config) -> Result<()> {
+        let voxel_m = config.output.merged_voxel_m.unwrap_or(0.5 * run.scale.voxel_m) as f32;
+        for component in 0..run.reconstruction.components().max(1) {
+            let cloud = MergedCloud::new(scans, &run.reconstruction, component, voxel_m);
+            let scan: Vec<i32> = cloud.scan.iter().map(|&s| s as i32).collect();
+            io::write_ply(
+                self.path.join(numbered("merged", component, "ply")),
+                &io::PlyCloud { points: &cloud.points, colors: cloud.colors.as_deref(), scans: Some(&scan) },
+            )?;
+            let poses: Vec<_> = placed_in(run, component).collect();
+            io::poses::write_trajectory(self.path.join(numbered("trajectory", component, "log")), &poses)?;
+        }
+        Ok(())
+    }
+
+    fn write_text(&self, name: &str, text: &str) -> Result<()> {
+        io::atomic::write(&self.path.join(name), |out| out.write_all(text.as_bytes()))
+    }
+}
+
+impl Written {
+    /// Both documents in one, for `--json`.
+    pub fn to_json(&self, folder: &Path) -> String {
+        let document = serde_json::json!({
+            "output": folder.display().to_string(),
+            "poses": self.poses,
+            "report": self.report,
+        });
+        format!("{document:#}\n")
+    }
+}
+
+/// `merged.ply` of the first component, `merged_1.ply` of the second.
+fn numbered(stem: &str, component: usize, extension: &str) -> String {
+    match component {
+        0 => format!("{stem}.{extension}"),
+        n => format!("{stem}_{n}.{extension}"),
+    }
+}
+
+fn placed_in(run: &Run, component: usize) -> impl Iterator<Item = (ScanId, RigidMotion)> {
+    let outcomes = run.reconstruction.outcomes.iter().enumerate();
+    outcomes.filter_map(move |(scan, outcome)| {
+        let placement = outcome.placement().filter(|p| p.component == component)?;
+        Some((ScanId(scan), placement.world_from_scan))
+    })
+}
+
+fn report(scans: &[Scan], run: &Run, config: &Config, poses: &Document, clock: Stopwatch) -> RunReport {
+    let size = |i: usize| ScanSize {
+        points: scans[i].cloud.len(),
+        dropped_rows: scans[i].cloud.dropped_rows,
+        surface_points: run.surfaces[i].len(),
+        keypoints: run.features[i].len(),
+        features_reused: run.reused[i],
+    };
+    RunReport {
+        generator: poses.generator.clone(),
+        seed: config.seed,
+        preset: config.preset.clone(),
+        threads: rayon::current_num_threads(),
+        scale: run.scale,
+        overlap_head: run.head.to_string(),
+        placed: run.reconstruction.placed(),
+        declined: scans.len() - run.reconstruction.placed(),
+        components: run.reconstruction.components(),
+        evidence: run::rows(poses),
+        sizes: (0..scans.len()).map(size).collect(),
+        total_seconds: clock.stages.iter().map(|t| t.seconds).sum(),
+        timings: clock.stages,
+        peak_memory_bytes: run::peak_memory_bytes(),
+    }
+}

@@ -1,0 +1,142 @@
+//! `scanweave synth`.
+
+use super::options::ThreadOption;
+use super::progress::Progress;
+use super::{Status, Verbosity, terminal};
+use clap::Args;
+use scanweave::geometry::voxel::voxel_means;
+use scanweave::report::pair_truth::{self, OverlappingPair};
+use scanweave::synthetic::{self, SynthConfig, SyntheticSet};
+use scanweave::{Error, io};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Points within this of each other overlap, as in the 3DMatch benchmark's successors (metres).
+const OVERLAP_RADIUS_M: f64 = 0.07;
+/// Pairs that overlap by less are not part of the truth, as in 3DLoMatch.
+const MIN_OVERLAP: f64 = 0.1;
+
+/// Write a synthetic set of scans with its truth, in the 3DMatch layout.
+///
+/// Makes PointCloud/cloud_bin_<i>.ply with cloud_bin_<i>.info.txt (true world_from_scan), and
+/// gt.log, gt.info and gt_overlap.log of all pairs that overlap by more than 0.1.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Folder for the set.
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Replace the set that the folder already holds.
+    #[arg(long)]
+    force: bool,
+    #[command(flatten)]
+    scene: SceneOptions,
+    #[command(flatten)]
+    threads: ThreadOption,
+}
+
+/// What the synthetic set is like.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Scene")]
+pub struct SceneOptions {
+    /// Seed: the same seed gives the same scans.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Scans taken in the building.
+    #[arg(long, value_name = "N", default_value_t = SynthConfig::default().scans)]
+    pub scans: usize,
+    /// Scans of other buildings mixed in, which must be declined.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub unrelated: usize,
+    /// Rooms of the building.
+    #[arg(long, value_name = "N", default_value_t = SynthConfig::default().rooms)]
+    pub rooms: usize,
+    /// Factor on the camera's noise: 0 is exact, 1 like the first Kinect.
+    #[arg(long, value_name = "X", default_value_t = SynthConfig::default().noise)]
+    pub noise: f64,
+}
+
+impl SceneOptions {
+    /// As settings of the generator.
+    pub fn config(&self) -> SynthConfig {
+        SynthConfig {
+            seed: self.seed,
+            scans: self.scans,
+            unrelated: self.unrelated,
+            rooms: self.rooms,
+            noise: self.noise,
+            ..SynthConfig::default()
+        }
+    }
+}
+
+pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    let folder = &arguments.output;
+    // Written last, so that it marks a whole set.
+    if folder.join("gt.log").exists() && !arguments.force {
+        return Err(Error::OutputExists { path: folder.clone() }.into());
+    }
+    let clouds = folder.join("PointCloud");
+    std::fs::create_dir_all(&clouds).map_err(|e| Error::write(&clouds, e))?;
+    arguments.threads.start()?;
+    let progress = Progress::start(verbosity)?;
+    let config = arguments.scene.config();
+    let set = synthetic::generate(&config, &progress)?;
+    let thinned: Vec<_> =
+        set.scans.iter().map(|s| voxel_means(&s.cloud.points, OVERLAP_RADIUS_M as f32 * 0.5)).collect();
+    let mut pairs = pair_truth::overlapping_pairs(
+        &thinned,
+        &set.world_from_scan,
+        OVERLAP_RADIUS_M as f32,
+        MIN_OVERLAP,
+        &progress,
+    )?;
+    // Poses in different buildings have nothing to do with each other.
+    pairs.retain(|p| set.building[p.truth.i.0] == set.building[p.truth.j.0]);
+    write_scans(&clouds, &set)?;
+    write_truth(folder, set.scans.len(), &pairs)?;
+    if !verbosity.quiet {
+        let points: usize = set.scans.iter().map(|s| s.cloud.len()).sum();
+        terminal::print_line(&format!(
+            "{}: {} scans, {points} points, {} overlapping pairs",
+            folder.display(),
+            set.scans.len(),
+            pairs.len()
+        ))?;
+    }
+    Ok(Status::Success)
+}
+
+fn write_scans(folder: &Path, set: &SyntheticSet) -> scanweave::Result<()> {
+    for (scan, pose) in set.scans.iter().zip(&set.world_from_scan) {
+        let stem = format!("cloud_bin_{}", scan.id);
+        let colors = scan.cloud.colors.as_deref();
+        let cloud = io::PlyCloud { points: &scan.cloud.points, colors, scans: None };
+        io::write_ply(folder.join(format!("{stem}.ply")), &cloud)?;
+        io::atomic::write(&folder.join(format!("{stem}.info.txt")), |out| {
+            writeln!(out, "synthetic\t seed\t {}\t {}", scan.id, scan.id)?;
+            let matrix = pose.to_homogeneous();
+            (0..4).try_for_each(|r| {
+                let row: Vec<String> = (0..4).map(|c| format!("{:.17e}", matrix[(r, c)])).collect();
+                writeln!(out, "{}", row.join("\t"))
+            })
+        })?;
+    }
+    Ok(())
+}
+
+fn write_truth(folder: &Path, scans: usize, pairs: &[OverlappingPair]) -> scanweave::Result<()> {
+    let ids = |p: &OverlappingPair| (p.truth.i.0, p.truth.j.0);
+    let log = pairs.iter().map(|p| {
+        let (i, j) = ids(p);
+        io::poses::LogEntry { i, j, n: scans, pose: p.truth.i_from_j }
+    });
+    let info = pairs.iter().filter_map(|p| {
+        let (i, j) = ids(p);
+        Some(io::poses::InfoEntry { i, j, n: scans, information: p.truth.information? })
+    });
+    io::atomic::write(&folder.join("gt_overlap.log"), |out| {
+        pairs.iter().try_for_each(|p| writeln!(out, "{},{},{:.4}", p.truth.i, p.truth.j, p.overlap))
+    })?;
+    io::poses::write_info(folder.join("gt.info"), &info.collect::<Vec<_>>())?;
+    io::poses::write_log(folder.join("gt.log"), &log.collect::<Vec<_>>())
+}

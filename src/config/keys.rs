@@ -1,0 +1,205 @@
+//! Which keys a config type knows and what their values may be, read from its JSON schema.
+
+use crate::error::{Error, Result};
+use schemars::generate::SchemaSettings;
+use serde_json::Value as Json;
+use std::collections::BTreeMap;
+use toml::{Table, Value};
+
+/// The keys of a config type.
+#[derive(Debug)]
+pub struct Keys {
+    schema: Json,
+}
+
+impl Keys {
+    /// Keys of the config type `C`.
+    pub fn of<C: schemars::JsonSchema>() -> Self {
+        let settings = SchemaSettings::draft2020_12().with(|s| s.inline_subschemas = true);
+        Self { schema: settings.into_generator().into_root_schema_for::<C>().to_value() }
+    }
+
+    /// Every key a file or `--set` may name, dotted, tables left out.
+    pub fn leaves(&self) -> Vec<String> {
+        let mut all = Vec::new();
+        collect_leaves(&self.schema, "", &mut all);
+        all
+    }
+
+    /// Refuses unknown keys and values of the wrong type.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming `source`, the key, and the nearest known key or what was expected.
+    pub fn check(&self, source: &str, table: &Table) -> Result<()> {
+        self.check_table(&self.schema, source, "", table)
+    }
+
+    fn check_table(&self, schema: &Json, source: &str, prefix: &str, table: &Table) -> Result<()> {
+        let known = properties(schema);
+        for (key, value) in table {
+            let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+            let Some(child) = known.get(key.as_str()) else {
+                return Err(self.unknown(source, &path, known.keys().copied()));
+            };
+            match value {
+                Value::Table(inner) if !properties(child).is_empty() => {
+                    self.check_table(child, source, &path, inner)?;
+                }
+                _ if accepts(child, value) => {}
+                _ => {
+                    return Err(Error::setting(
+                        format!("{source}: {path}"),
+                        describe(value),
+                        expectation(child),
+                        "correct the value; `scanweave config` prints every setting",
+                    ));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The error for a key nobody knows, with the most similar one that exists.
+    fn unknown<'k>(&self, source: &str, path: &str, siblings: impl Iterator<Item = &'k str>) -> Error {
+        let (prefix, key) = path.rsplit_once('.').map_or(("", path), |(p, k)| (p, k));
+        let dotted = |k: &str| if prefix.is_empty() { k.to_owned() } else { format!("{prefix}.{k}") };
+        let beside = siblings.map(|k| (strsim::jaro_winkler(key, k), dotted(k)));
+        // A key may also be right but in the wrong table.
+        let elsewhere = self.leaves().into_iter().map(|leaf| {
+            let last = leaf.rsplit('.').next().unwrap_or(&leaf);
+            (if last == key { 1.0 } else { strsim::jaro_winkler(path, &leaf) - 0.05 }, leaf)
+        });
+        let nearest = beside.chain(elsewhere).max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+        let expected = match nearest {
+            Some((_, near)) => format!("a known key, the nearest is `{near}`"),
+            None => "no key here".to_owned(),
+        };
+        Error::setting(
+            format!("{source}: {path}"),
+            format!("an unknown key `{key}`"),
+            expected,
+            "rename or remove it; `scanweave config` prints every setting",
+        )
+    }
+}
+
+fn collect_leaves(schema: &Json, prefix: &str, all: &mut Vec<String>) {
+    for (key, child) in properties(schema) {
+        let path = if prefix.is_empty() { key.to_owned() } else { format!("{prefix}.{key}") };
+        if properties(child).is_empty() {
+            all.push(path);
+        } else {
+            collect_leaves(child, &path, all);
+        }
+    }
+}
+
+/// Schemas that a value may follow, where a schema offers a choice.
+fn choices(schema: &Json) -> impl Iterator<Item = &Json> {
+    ["anyOf", "oneOf", "allOf"].iter().filter_map(|k| schema.get(k)?.as_array()).flatten()
+}
+
+/// Known keys of a table, those of every variant where it is an enumeration.
+fn properties(schema: &Json) -> BTreeMap<&str, &Json> {
+    let own = schema.get("properties").and_then(Json::as_object).into_iter().flatten();
+    let mut all: BTreeMap<&str, &Json> = own.map(|(k, v)| (k.as_str(), v)).collect();
+    for choice in choices(schema) {
+        all.extend(properties(choice));
+    }
+    all
+}
+
+/// Whether a value fits a schema, as far as types, enumerations and least values tell.
+fn accepts(schema: &Json, value: &Value) -> bool {
+    if let Some(listed) = schema.get("enum").and_then(Json::as_array) {
+        return listed.iter().any(|v| v.as_str() == value.as_str() && v.is_string());
+    }
+    if let Some(word) = schema.get("const") {
+        return word.as_str() == value.as_str();
+    }
+    let mut offered = choices(schema).peekable();
+    if offered.peek().is_some() {
+        return offered.any(|s| accepts(s, value));
+    }
+    let kinds: Vec<&str> = match schema.get("type") {
+        Some(Json::String(kind)) => vec![kind],
+        Some(Json::Array(kinds)) => kinds.iter().filter_map(Json::as_str).collect(),
+        _ => return true,
+    };
+    let number = match value {
+        Value::Integer(i) => Some(*i as f64),
+        Value::Float(f) => Some(*f),
+        _ => None,
+    };
+    let bound = |key: &str| schema.get(key).and_then(Json::as_f64);
+    if number
+        .is_some_and(|v| bound("minimum").is_some_and(|m| v < m) || bound("maximum").is_some_and(|m| v > m))
+    {
+        return false;
+    }
+    kinds.iter().any(|kind| match (*kind, value) {
+        ("number", Value::Integer(_) | Value::Float(_)) => true,
+        ("integer", Value::Integer(_)) => true,
+        ("string", Value::String(_)) => true,
+        ("boolean", Value::Boolean(_)) => true,
+        ("array", Value::Array(items)) => {
+            schema.get("items").is_none_or(|s| items.iter().all(|v| accepts(s, v)))
+        }
+        ("object", Value::Table(_)) => true,
+        _ => false,
+    })
+}
+
+/// What a schema asks for, in words.
+fn expectation(schema: &Json) -> String {
+    let quoted = |v: &Json| v.as_str().map(|s| format!("\"{s}\""));
+    if let Some(listed) = schema.get("enum").and_then(Json::as_array) {
+        return format!("one of {}", listed.iter().filter_map(quoted).collect::<Vec<_>>().join(", "));
+    }
+    if let Some(word) = schema.get("const").and_then(quoted) {
+        return word;
+    }
+    let offered: Vec<String> =
+        choices(schema).filter(|s| s.get("type") != Some(&"null".into())).map(expectation).collect();
+    if !offered.is_empty() {
+        return offered.join(" or ");
+    }
+    let word = |kind: &str| match kind {
+        "number" => Some("a number"),
+        "integer" => Some("a whole number"),
+        "string" => Some("a text in quotes"),
+        "boolean" => Some("true or false"),
+        "array" => Some("a list"),
+        "object" => Some("a table"),
+        _ => None,
+    };
+    let kinds: Vec<&str> = match schema.get("type") {
+        Some(Json::String(kind)) => word(kind).into_iter().collect(),
+        Some(Json::Array(kinds)) => kinds.iter().filter_map(Json::as_str).filter_map(word).collect(),
+        _ => vec!["another value"],
+    };
+    let mut text = kinds.join(" or ");
+    if let Some(items) = schema.get("items").filter(|_| text == "a list") {
+        text = format!("{text} whose items are each {}", expectation(items));
+    }
+    if let Some(least) = schema.get("minimum").and_then(Json::as_f64) {
+        text = format!("{text} of at least {least}");
+    }
+    if let Some(most) = schema.get("maximum").and_then(Json::as_f64) {
+        text = format!("{text} of at most {most}");
+    }
+    text
+}
+
+/// A value and its kind, in words.
+fn describe(value: &Value) -> String {
+    match value {
+        Value::String(s) => format!("the text \"{s}\""),
+        Value::Integer(i) => format!("the whole number {i}"),
+        Value::Float(f) => format!("the number {f}"),
+        Value::Boolean(b) => format!("{b}"),
+        Value::Array(_) => format!("the list {value}"),
+        Value::Table(_) => "a table".to_owned(),
+        Value::Datetime(d) => format!("the date {d}"),
+    }
+}

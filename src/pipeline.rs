@@ -1,0 +1,140 @@
+//! From scans to a reconstruction: every stage in order, each timed.
+
+mod features;
+
+pub use features::{FeatureSource, read_features};
+
+use crate::config::Config;
+use crate::descriptor::scale::{self, ScaleWarning, WorkingScale};
+use crate::descriptor::{DescriptorKind, surface};
+use crate::error::{Error, Result};
+use crate::monitor::Monitor;
+use crate::registration::incremental::{self, ScanInput};
+use crate::report::run::StageTime;
+use crate::retrieval::{self, Checkpoint, DescriptorTag, HeadOrigin};
+use crate::scan::{Features, PointCloud, Reconstruction, Scan, SimilarityMatrix, Surface};
+use rayon::prelude::*;
+use std::time::Instant;
+
+/// What a run made, stage by stage; everything is in the order of the scans.
+#[derive(Debug)]
+pub struct Run {
+    /// Lengths it worked at.
+    pub scale: WorkingScale,
+    /// Scans these lengths may not suit.
+    pub warnings: Vec<ScaleWarning>,
+    /// Thinned scans with normals.
+    pub surfaces: Vec<Surface>,
+    /// Keypoints and descriptors.
+    pub features: Vec<Features>,
+    /// Whether a scan's features were read instead of computed.
+    pub reused: Vec<bool>,
+    /// Predicted overlap.
+    pub similarity: SimilarityMatrix,
+    /// Where the head that predicted it came from.
+    pub head: HeadOrigin,
+    /// The verdict on every scan.
+    pub reconstruction: Reconstruction,
+    /// Time each stage took.
+    pub timings: Vec<StageTime>,
+}
+
+/// Registers `scans` (at least two): scale → surfaces → features → similarity → growth.
+///
+/// # Errors
+/// Unusable scans, settings or features, or the user asked to stop.
+pub fn run(
+    scans: &[Scan],
+    config: &Config,
+    source: &FeatureSource<'_>,
+    monitor: &dyn Monitor,
+) -> Result<Run> {
+    check_scans(scans)?;
+    config.validate()?;
+    let mut clock = Stopwatch::default();
+    let clouds: Vec<&PointCloud> = scans.iter().map(|s| &s.cloud).collect();
+    let choice = clock.time("scale", || scale::choose(&config.scale, &clouds))?;
+    let scale = choice.scale;
+    let surfaces = clock.time("surfaces", || thin(scans, &scale, monitor))?;
+    let (features, reused) =
+        clock.time("features", || features::of_scans(scans, &surfaces, &scale, config, source, monitor))?;
+    let (similarity, head) = clock.time("similarity", || {
+        let checkpoint = checkpoint(config, &scale, &features)?;
+        retrieval::similarity_of(&features, &config.retrieval, checkpoint.as_ref(), config.seed, monitor)
+    })?;
+    let reconstruction = clock.time("registration", || {
+        let pairs = features.iter().zip(&surfaces);
+        let inputs: Vec<_> = pairs.map(|(features, surface)| ScanInput { features, surface }).collect();
+        let radius_m = scale.inlier_radius_m;
+        incremental::register(&inputs, &similarity, &config.registration, radius_m, config.seed, monitor)
+    })?;
+    Ok(Run {
+        scale,
+        warnings: choice.warnings,
+        surfaces,
+        features,
+        reused,
+        similarity,
+        head,
+        reconstruction,
+        timings: clock.stages,
+    })
+}
+
+fn check_scans(scans: &[Scan]) -> Result<()> {
+    if scans.len() >= 2 {
+        return Ok(());
+    }
+    let found = match scans {
+        [] => "no scan".to_owned(),
+        [one, ..] => format!("one scan, {}", one.name),
+    };
+    Err(Error::input("inputs", found, "at least two scans to register with each other", "name more scans"))
+}
+
+fn thin(scans: &[Scan], scale: &WorkingScale, monitor: &dyn Monitor) -> Result<Vec<Surface>> {
+    const STAGE: &str = "surfaces";
+    monitor.begin(STAGE, scans.len());
+    let surfaces: Vec<Result<Surface>> = scans
+        .par_iter()
+        .map(|scan| {
+            monitor.check(STAGE)?;
+            let surface = surface::thin(&scan.cloud, scale);
+            monitor.advance(1);
+            Ok(surface)
+        })
+        .collect();
+    monitor.end();
+    surfaces.into_iter().collect()
+}
+
+/// The trained head that the settings name, if it fits these features.
+fn checkpoint(config: &Config, scale: &WorkingScale, features: &[Features]) -> Result<Option<Checkpoint>> {
+    let Some(path) = &config.retrieval.checkpoint else { return Ok(None) };
+    let Some(dim) = features.iter().map(|f| f.descriptors.dim()).find(|&d| d > 0) else { return Ok(None) };
+    if config.descriptor.kind == DescriptorKind::Precomputed {
+        // Files do not say which descriptor they hold; the dimension is checked where it is used.
+        return Checkpoint::load(path).map(Some);
+    }
+    let name = config.descriptor.descriptor_name().to_owned();
+    let tag = DescriptorTag { name, dim, settings_hash: config.descriptor.settings_hash(scale) };
+    Checkpoint::load_for(path, &tag).map(Some)
+}
+
+/// Times stages.
+#[derive(Debug, Default)]
+pub struct Stopwatch {
+    /// Stages so far, in order.
+    pub stages: Vec<StageTime>,
+}
+
+impl Stopwatch {
+    /// Runs `work` and writes down how long it took.
+    pub fn time<T>(&mut self, stage: &str, work: impl FnOnce() -> T) -> T {
+        let start = Instant::now();
+        let result = work();
+        let seconds = start.elapsed().as_secs_f64();
+        self.stages.push(StageTime { stage: stage.to_owned(), seconds });
+        result
+    }
+}

@@ -1,0 +1,225 @@
+//! `poses.json`: the verdict on every scan, for other programs (docs/poses-json.md).
+
+use crate::geometry::RigidMotion;
+use crate::scan::{DeclineReason, NeighbourEvidence, Outcome, Placement, Reconstruction, Scan};
+use serde::{Deserialize, Serialize};
+
+/// Value of the `format` field.
+pub const FORMAT: &str = "scanweave-poses";
+/// Version of the layout; raised whenever a reader of the old one would go wrong.
+pub const VERSION: u32 = 1;
+
+/// The whole document.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Document {
+    /// Always [`FORMAT`].
+    pub format: String,
+    /// [`VERSION`] of the layout.
+    pub version: u32,
+    /// Program and version that wrote it.
+    pub generator: String,
+    /// Components, largest first; poses of different components are unrelated.
+    pub components: Vec<Component>,
+    /// One entry a scan, in the order of the input.
+    pub scans: Vec<Entry>,
+}
+
+/// Scans with poses in one common frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Component {
+    /// The scan whose frame is the component's frame.
+    pub pivot: Option<usize>,
+    /// Its scans.
+    pub scans: Vec<usize>,
+}
+
+/// One scan.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Entry {
+    /// Place in the naturally sorted input, from zero.
+    pub id: usize,
+    /// Short unique name.
+    pub name: String,
+    /// The file, as it was named on the command line.
+    pub file: Option<String>,
+    /// File coordinates of the point that the pose takes as the scan's zero, metres:
+    /// `p_world = R (p_file − origin) + t`. All zero unless the file is georeferenced.
+    pub origin_m: [f64; 3],
+    /// Placed or declined.
+    #[serde(flatten)]
+    pub verdict: Verdict,
+}
+
+/// What became of a scan.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "outcome", rename_all = "lowercase")]
+pub enum Verdict {
+    /// It has a pose.
+    Placed(Box<Pose>),
+    /// It has none.
+    Declined {
+        /// Why, for programs.
+        decline: DeclineReason,
+        /// Why, for people.
+        explanation: String,
+    },
+}
+
+/// A pose and what speaks for it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Pose {
+    /// Index into `components`.
+    pub component: usize,
+    /// Growth step at which the scan joined; 0 for the pivot.
+    pub step: usize,
+    /// 4×4, row by row.
+    pub world_from_scan: [[f64; 4]; 4],
+    /// The rotation again, as a unit quaternion x, y, z, w with w ≥ 0.
+    pub quaternion_xyzw: [f64; 4],
+    /// The placed scan it shares most inliers with; null for a pivot.
+    pub parent: Option<usize>,
+    /// Mutual descriptor matches with the model at that step.
+    pub matches: usize,
+    /// Matches within the inlier radius.
+    pub inliers: usize,
+    /// Inliers over matches.
+    pub inlier_ratio: f64,
+    /// Root mean square distance of the inliers, metres.
+    pub residual_m: f64,
+    /// Agreement with every placed scan it touches, at the final poses.
+    pub neighbours: Vec<NeighbourEvidence>,
+}
+
+impl Document {
+    /// The document of a registration; `scans[i]` belongs to `outcomes[i]`.
+    pub fn new(scans: &[Scan], reconstruction: &Reconstruction) -> Self {
+        let entries = scans.iter().zip(&reconstruction.outcomes).map(|(scan, outcome)| Entry {
+            id: scan.id.0,
+            name: scan.name.clone(),
+            file: scan.path.as_ref().map(|p| p.display().to_string()),
+            origin_m: scan.cloud.origin_m.into(),
+            verdict: Verdict::of(outcome),
+        });
+        Self {
+            format: FORMAT.to_owned(),
+            version: VERSION,
+            generator: concat!("scanweave ", env!("CARGO_PKG_VERSION")).to_owned(),
+            components: components(reconstruction),
+            scans: entries.collect(),
+        }
+    }
+
+    /// As JSON text, ending in a line break.
+    pub fn to_json(&self) -> String {
+        // Serialising these types cannot fail: every map key is a string.
+        serde_json::to_string_pretty(self).map(|text| text + "\n").unwrap_or_default()
+    }
+}
+
+impl Verdict {
+    fn of(outcome: &Outcome) -> Self {
+        match outcome {
+            Outcome::Placed(placement) => Verdict::Placed(Box::new(Pose::of(placement))),
+            Outcome::Declined(reason) => {
+                Verdict::Declined { decline: reason.clone(), explanation: reason.to_string() }
+            }
+        }
+    }
+}
+
+impl Pose {
+    fn of(placement: &Placement) -> Self {
+        Self {
+            component: placement.component,
+            step: placement.step,
+            world_from_scan: rows(&placement.world_from_scan),
+            quaternion_xyzw: quaternion(&placement.world_from_scan),
+            parent: placement.parent.map(|p| p.0),
+            matches: placement.matches,
+            inliers: placement.inliers,
+            inlier_ratio: placement.inlier_ratio(),
+            residual_m: placement.residual_m,
+            neighbours: placement.neighbours.clone(),
+        }
+    }
+}
+
+/// Scans of every component, in the order of the component numbers.
+fn components(reconstruction: &Reconstruction) -> Vec<Component> {
+    let mut all = vec![Component { pivot: None, scans: Vec::new() }; reconstruction.components()];
+    for (scan, outcome) in reconstruction.outcomes.iter().enumerate() {
+        let Some(placement) = outcome.placement() else { continue };
+        let component = &mut all[placement.component];
+        component.scans.push(scan);
+        if placement.parent.is_none() {
+            component.pivot.get_or_insert(scan);
+        }
+    }
+    all
+}
+
+fn rows(pose: &RigidMotion) -> [[f64; 4]; 4] {
+    let m = pose.to_homogeneous();
+    std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]))
+}
+
+fn quaternion(pose: &RigidMotion) -> [f64; 4] {
+    let q = pose.rotation.quaternion();
+    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+    [q.i * sign, q.j * sign, q.k * sign, q.w * sign]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan::{PointCloud, ScanId};
+    use nalgebra::Vector3;
+
+    fn scan(id: usize) -> Scan {
+        let cloud = PointCloud { origin_m: Vector3::new(5e5, 0.0, 1.0), ..PointCloud::default() };
+        Scan { id: ScanId(id), name: format!("s{id}"), path: None, cloud }
+    }
+
+    fn placed(component: usize, parent: Option<usize>) -> Outcome {
+        // A quarter turn about z: x → y.
+        let turn = Vector3::new(0.0, 0.0, std::f64::consts::FRAC_PI_2);
+        Outcome::Placed(Placement {
+            world_from_scan: RigidMotion::new(Vector3::new(1.0, 2.0, 3.0), turn),
+            component,
+            step: usize::from(parent.is_some()),
+            parent: parent.map(ScanId),
+            matches: 8,
+            inliers: 2,
+            residual_m: 0.01,
+            neighbours: vec![NeighbourEvidence { scan: ScanId(1), overlap: 0.5, residual_m: 0.02 }],
+        })
+    }
+
+    #[test]
+    fn the_document_says_for_every_scan_where_it_is_or_why_not() {
+        let reason = DeclineReason::TooFewInliers { inliers: 3, needed: 12, matches: 40 };
+        let outcomes = vec![placed(0, Some(1)), placed(0, None), Outcome::Declined(reason)];
+        let scans: Vec<Scan> = (0..3).map(scan).collect();
+        let text = Document::new(&scans, &Reconstruction { outcomes }).to_json();
+        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(json["format"], "scanweave-poses");
+        assert_eq!(json["version"], 1);
+        assert_eq!(json["components"][0]["pivot"], 1);
+        assert_eq!(json["components"][0]["scans"], serde_json::json!([0, 1]));
+        let first = &json["scans"][0];
+        assert_eq!(first["outcome"], "placed");
+        assert_eq!(first["inlier_ratio"], 0.25);
+        assert_eq!(first["origin_m"][0], 5e5);
+        assert_eq!(first["parent"], 1);
+        // Rows of R = [[0,-1,0],[1,0,0],[0,0,1]] with t = (1,2,3) as the last column.
+        assert!((first["world_from_scan"][0][1].as_f64().unwrap() + 1.0).abs() < 1e-12);
+        assert!((first["world_from_scan"][1][0].as_f64().unwrap() - 1.0).abs() < 1e-12);
+        assert_eq!(first["world_from_scan"][2][3], 3.0);
+        assert!((first["quaternion_xyzw"][2].as_f64().unwrap() - 0.5f64.sqrt()).abs() < 1e-12);
+        assert_eq!(json["scans"][2]["outcome"], "declined");
+        assert_eq!(json["scans"][2]["decline"]["reason"], "too-few-inliers");
+        assert_eq!(json["scans"][2]["decline"]["needed"], 12);
+        let back: Document = serde_json::from_str(&text).unwrap();
+        assert_eq!(back.to_json(), text);
+    }
+}

@@ -1,0 +1,144 @@
+//! `report.json`: what a run worked on, with what settings, and how long each stage took.
+
+use super::poses::{Document, Entry, Verdict};
+use crate::descriptor::WorkingScale;
+use serde::Serialize;
+
+/// Time one stage took.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StageTime {
+    /// Name of the stage.
+    pub stage: String,
+    /// Wall-clock seconds.
+    pub seconds: f64,
+}
+
+/// Sizes of one scan on its way through the pipeline.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ScanSize {
+    /// Finite points read.
+    pub points: usize,
+    /// Rows left out because a coordinate was not finite.
+    pub dropped_rows: usize,
+    /// Points at the working resolution.
+    pub surface_points: usize,
+    /// Keypoints described.
+    pub keypoints: usize,
+    /// Whether the features came from the cache or from files instead of being computed.
+    pub features_reused: bool,
+}
+
+/// The verdict on one scan, in one line.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    /// Name of the scan.
+    pub scan: String,
+    /// `pivot`, `placed` or `declined`.
+    pub outcome: &'static str,
+    /// Component of a placed scan.
+    pub component: Option<usize>,
+    /// Growth step at which it joined.
+    pub step: Option<usize>,
+    /// Name of the scan it joined to.
+    pub parent: Option<String>,
+    /// Matches with the model.
+    pub matches: Option<usize>,
+    /// Matches within the inlier radius.
+    pub inliers: Option<usize>,
+    /// Inliers over matches.
+    pub inlier_ratio: Option<f64>,
+    /// Overlap with its parent, else the largest with any placed scan.
+    pub overlap: Option<f64>,
+    /// Root mean square distance of the inliers, metres.
+    pub residual_m: Option<f64>,
+    /// Why it was declined.
+    pub reason: Option<String>,
+}
+
+/// The whole report.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RunReport {
+    /// Program and version that wrote it.
+    pub generator: String,
+    /// Seed of all randomness.
+    pub seed: u64,
+    /// Preset the settings started from.
+    pub preset: String,
+    /// Threads that worked.
+    pub threads: usize,
+    /// Lengths the run worked at.
+    pub scale: WorkingScale,
+    /// Where the overlap head came from.
+    pub overlap_head: String,
+    /// Scans with a pose.
+    pub placed: usize,
+    /// Scans without.
+    pub declined: usize,
+    /// Components of two scans and more, and single pivots.
+    pub components: usize,
+    /// Evidence, one row a scan.
+    pub evidence: Vec<Row>,
+    /// Sizes, one entry a scan.
+    pub sizes: Vec<ScanSize>,
+    /// Stages in order.
+    pub timings: Vec<StageTime>,
+    /// Sum of the stages.
+    pub total_seconds: f64,
+    /// Highest memory use of the process so far, where the system tells.
+    pub peak_memory_bytes: Option<u64>,
+}
+
+impl RunReport {
+    /// As JSON text, ending in a line break.
+    pub fn to_json(&self) -> String {
+        // Serialising these types cannot fail: every map key is a string.
+        serde_json::to_string_pretty(self).map(|text| text + "\n").unwrap_or_default()
+    }
+}
+
+/// One row a scan of `poses.json`.
+pub fn rows(document: &Document) -> Vec<Row> {
+    document.scans.iter().map(|entry| row(entry, &document.scans)).collect()
+}
+
+fn row(entry: &Entry, all: &[Entry]) -> Row {
+    let mut row = Row {
+        scan: entry.name.clone(),
+        outcome: "declined",
+        component: None,
+        step: None,
+        parent: None,
+        matches: None,
+        inliers: None,
+        inlier_ratio: None,
+        overlap: None,
+        residual_m: None,
+        reason: None,
+    };
+    match &entry.verdict {
+        Verdict::Declined { explanation, .. } => row.reason = Some(explanation.clone()),
+        Verdict::Placed(pose) => {
+            let of_parent = pose.neighbours.iter().find(|n| Some(n.scan.0) == pose.parent);
+            let largest = || pose.neighbours.iter().max_by(|a, b| a.overlap.total_cmp(&b.overlap));
+            row.overlap = of_parent.or_else(largest).map(|n| n.overlap);
+            row.component = Some(pose.component);
+            row.step = Some(pose.step);
+            row.outcome = if pose.parent.is_some() { "placed" } else { "pivot" };
+            if let Some(parent) = pose.parent {
+                row.parent = all.get(parent).map(|e| e.name.clone());
+                row.matches = Some(pose.matches);
+                row.inliers = Some(pose.inliers);
+                row.inlier_ratio = Some(pose.inlier_ratio);
+                row.residual_m = Some(pose.residual_m);
+            }
+        }
+    }
+    row
+}
+
+/// Highest resident memory of this process so far, bytes; `None` where the system does not tell.
+pub fn peak_memory_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kb| kb * 1024)
+}
