@@ -9,7 +9,7 @@ use crate::descriptor::scale::{self, ScaleWarning, WorkingScale};
 use crate::descriptor::{DescriptorKind, surface};
 use crate::error::{Error, Result};
 use crate::monitor::Monitor;
-use crate::registration::incremental::{self, ScanInput};
+use crate::registration::incremental::{self, Lengths, ScanInput};
 use crate::report::run::StageTime;
 use crate::retrieval::{self, Checkpoint, DescriptorTag, HeadOrigin};
 use crate::scan::{Features, PointCloud, Reconstruction, Scan, SimilarityMatrix, Surface};
@@ -65,8 +65,8 @@ pub fn run(
     let reconstruction = clock.time("registration", || {
         let pairs = features.iter().zip(&surfaces);
         let inputs: Vec<_> = pairs.map(|(features, surface)| ScanInput { features, surface }).collect();
-        let radius_m = scale.inlier_radius_m;
-        incremental::register(&inputs, &similarity, &config.registration, radius_m, config.seed, monitor)
+        let lengths = Lengths { inlier_radius_m: scale.inlier_radius_m, voxel_m: scale.voxel_m };
+        incremental::register(&inputs, &similarity, &config.registration, lengths, config.seed, monitor)
     })?;
     Ok(Run {
         scale,

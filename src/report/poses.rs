@@ -191,6 +191,7 @@ mod tests {
             matches: 8,
             inliers: 2,
             residual_m: 0.01,
+            support: None,
             neighbours: vec![NeighbourEvidence { scan: ScanId(1), overlap: 0.5, residual_m: 0.02 }],
         })
     }
