@@ -3,6 +3,7 @@
 #![warn(missing_docs)]
 
 pub mod error;
+pub mod evaluation;
 pub mod geometry;
 pub mod monitor;
 pub mod scan;
