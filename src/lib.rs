@@ -30,6 +30,7 @@
 pub mod config;
 pub mod descriptor;
 pub mod error;
+pub mod evaluation;
 pub mod geometry;
 pub mod io;
 pub mod monitor;

@@ -117,8 +117,8 @@ pub(super) fn build(rooms: usize, rng: &mut ChaCha8Rng) -> Building {
         let exists = |c: usize, r: usize| c < columns && r * columns + c < rooms;
         // South and west walls belong to this room; north and east ones too where nobody is beyond.
         let outside = [r == 0, !exists(c + 1, r), !exists(c, r + 1), c == 0];
-        for side in 0..4 {
-            if outside[side] {
+        for (side, outer) in outside.into_iter().enumerate() {
+            if outer {
                 wall(&mut building, i, side, true, wall_color, rng);
             } else if side == 0 || side == 3 {
                 wall(&mut building, i, side, false, wall_color, rng);
@@ -336,7 +336,7 @@ mod tests {
         for room in &b.rooms {
             let eye = Point3::from(room.center().push(1.4));
             for i in 0..2000 {
-                let (a, z) = (f64::from(i) * 0.61803398875 * 6.283, f64::from(i) / 1000.0 - 1.0);
+                let (a, z) = (f64::from(i) * 2.4, f64::from(i) / 1000.0 - 1.0);
                 let d = Vector3::new(a.cos(), a.sin(), z).normalize();
                 assert!(scene.cast(&eye, &d, reach).is_some(), "hole in the direction {d}");
             }

@@ -10,6 +10,7 @@ mod camera;
 mod fragment;
 mod furniture;
 mod noise;
+mod pieces;
 mod plan;
 mod scene;
 mod shape;

@@ -1,0 +1,225 @@
+//! Ground truth for posed scans: overlaps, benchmark pairs, information matrices.
+
+use crate::error::{Error, Result};
+use crate::geometry::neighbours::RadiusGrid;
+use crate::geometry::rigid::PointMover;
+use crate::geometry::{Point, RigidMotion};
+use crate::scan::{PairTruth, ScanId, SimilarityMatrix};
+use nalgebra::{Matrix3x6, Matrix6};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Overlaps of the 3DMatch benchmark's pairs: more than 0.3.
+pub const MATCH_OVERLAP: Range<f64> = 0.3..f64::INFINITY;
+/// Overlaps of the 3DLoMatch benchmark's pairs: more than 0.1, at most 0.3.
+pub const LO_MATCH_OVERLAP: Range<f64> = 0.1..0.3;
+
+/// Two-way overlap within `radius_m` of every two posed point sets, `[N,N]`, as
+/// [`crate::geometry::overlap::two_way_overlap`] defines it. Parallel over pairs.
+///
+/// # Errors
+/// When the numbers of clouds and poses differ.
+pub fn overlap_matrix(
+    clouds: &[&[Point]],
+    world_from_scan: &[RigidMotion],
+    radius_m: f32,
+) -> Result<SimilarityMatrix> {
+    let n = clouds.len();
+    if world_from_scan.len() != n {
+        return Err(Error::input(
+            "poses",
+            format!("{} poses for {n} scans", world_from_scan.len()),
+            "one pose for every scan",
+            "check that scans and poses belong to the same set",
+        ));
+    }
+    let grids: Vec<RadiusGrid<'_>> = clouds.par_iter().map(|c| RadiusGrid::new(c, radius_m)).collect();
+    let spheres: Vec<(Point, f32)> = clouds.par_iter().map(|c| bounding_sphere(c)).collect();
+    let values: Vec<f32> = (0..n * n)
+        .into_par_iter()
+        .map(|at| {
+            let (i, j) = (at / n, at % n);
+            if i >= j || clouds[i].is_empty() || clouds[j].is_empty() {
+                return 0.0;
+            }
+            let i_from_j = world_from_scan[i].inverse() * world_from_scan[j];
+            let (into_i, into_j) = (PointMover::new(&i_from_j), PointMover::new(&i_from_j.inverse()));
+            let apart = (into_i.point(&spheres[j].0) - spheres[i].0).norm();
+            if apart > spheres[i].1 + spheres[j].1 + 2.0 * radius_m {
+                return 0.0;
+            }
+            let near = |points: &[Point], mover: &PointMover, grid: &RadiusGrid<'_>| {
+                points.iter().filter(|p| grid.any(&mover.point(p))).count()
+            };
+            let count = near(clouds[j], &into_i, &grids[i]) + near(clouds[i], &into_j, &grids[j]);
+            (count as f64 / (clouds[i].len() + clouds[j].len()) as f64) as f32
+        })
+        .collect();
+    // Only the upper half was computed.
+    let full = (0..n * n).map(|at| values[at].max(values[at % n * n + at / n])).collect();
+    SimilarityMatrix::new(n, full)
+}
+
+/// Pairs `i < j` whose overlap is above the start of `overlaps` and not above its end,
+/// ordered by `i`, then `j`.
+pub fn benchmark_pairs(overlap: &SimilarityMatrix, overlaps: &Range<f64>) -> Vec<(ScanId, ScanId)> {
+    let n = overlap.len();
+    let wanted = |i: usize, j: usize| {
+        // Compared in single precision, which the matrix holds: 0.3 is then not above 0.3.
+        let o = overlap.get(i, j);
+        o > overlaps.start as f32 && o <= overlaps.end as f32
+    };
+    (0..n)
+        .flat_map(|i| (i + 1..n).map(move |j| (i, j)))
+        .filter(|&(i, j)| wanted(i, j))
+        .map(|(i, j)| (ScanId(i), ScanId(j)))
+        .collect()
+}
+
+/// Λ = Σ GᵀG with G = [I | −[p]×] over points `p` in the frame of scan `i` that have a
+/// counterpart in scan `j` (Choi, Zhou, Koltun 2015).
+///
+/// This is the convention of the published `gt.info` files: no factor 2 for the half angles of
+/// a quaternion, points in the target's frame. Those files hold sums over 5000 sampled
+/// correspondences; the recall divides by Λ₀₀, so that the number does not matter.
+pub fn information_matrix(points: &[Point]) -> Matrix6<f64> {
+    points.iter().fold(Matrix6::zeros(), |sum, p| {
+        let mut g = Matrix3x6::identity();
+        g.fixed_view_mut::<3, 3>(0, 3).copy_from(&-p.coords.cast::<f64>().cross_matrix());
+        sum + g.transpose() * g
+    })
+}
+
+/// Truth of one pair of posed scans: the relative pose, and the information matrix over the
+/// points of `i` with a point of `j` within `radius_m`.
+pub fn pair_truth(
+    (i, j): (ScanId, ScanId),
+    points_i: &[Point],
+    points_j: &[Point],
+    i_from_j: RigidMotion,
+    radius_m: f32,
+) -> PairTruth {
+    let moved = PointMover::new(&i_from_j).points(points_j);
+    let grid = RadiusGrid::new(&moved, radius_m);
+    let common: Vec<Point> = points_i.iter().filter(|p| grid.any(p)).copied().collect();
+    PairTruth { i, j, i_from_j, information: Some(information_matrix(&common)) }
+}
+
+/// Truth of every pair whose overlap lies in `overlaps`. Parallel over pairs.
+///
+/// # Errors
+/// When clouds, poses and overlaps are of different numbers.
+pub fn truth_of_pairs(
+    clouds: &[&[Point]],
+    world_from_scan: &[RigidMotion],
+    overlap: &SimilarityMatrix,
+    overlaps: &Range<f64>,
+    radius_m: f32,
+) -> Result<Vec<PairTruth>> {
+    if clouds.len() != world_from_scan.len() || clouds.len() != overlap.len() {
+        return Err(Error::input(
+            "ground truth",
+            format!("{} scans, {} poses, {} overlaps", clouds.len(), world_from_scan.len(), overlap.len()),
+            "as many of each",
+            "check that scans, poses and overlaps belong to the same set",
+        ));
+    }
+    let truth = |&(i, j): &(ScanId, ScanId)| {
+        let i_from_j = world_from_scan[i.0].inverse() * world_from_scan[j.0];
+        pair_truth((i, j), clouds[i.0], clouds[j.0], i_from_j, radius_m)
+    };
+    Ok(benchmark_pairs(overlap, overlaps).par_iter().map(truth).collect())
+}
+
+/// Middle of the bounding box and the distance of the farthest point from it.
+fn bounding_sphere(points: &[Point]) -> (Point, f32) {
+    let Some(&first) = points.first() else { return (Point::origin(), 0.0) };
+    let (low, high) = points.iter().fold((first, first), |(l, h), p| (l.inf(p), h.sup(p)));
+    let center = nalgebra::center(&low, &high);
+    (center, points.iter().map(|p| (p - center).norm()).fold(0.0, f32::max))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::overlap::two_way_overlap;
+    use nalgebra::Vector3;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    #[test]
+    fn the_matrix_holds_the_two_way_overlap_of_every_pair() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut number = |s: f32| rng.random_range(-s..s);
+        let clouds: Vec<Vec<Point>> = (0..5)
+            .map(|k| (0..300 + 50 * k).map(|_| Point::new(number(1.0), number(1.0), number(0.2))).collect())
+            .collect();
+        let poses: Vec<RigidMotion> = (0..5)
+            .map(|k| {
+                RigidMotion::new(
+                    Vector3::new(0.6 * f64::from(k), 0.1, if k == 4 { 40.0 } else { 0.0 }),
+                    Vector3::z() * f64::from(k),
+                )
+            })
+            .collect();
+        let views: Vec<&[Point]> = clouds.iter().map(Vec::as_slice).collect();
+        let m = overlap_matrix(&views, &poses, 0.1).unwrap();
+        let mut positive = 0;
+        for i in 0..5 {
+            assert_eq!(m.get(i, i), 0.0);
+            assert_eq!(m.get(i, 4), 0.0);
+            for j in i + 1..5 {
+                let o = two_way_overlap(&clouds[i], &clouds[j], &(poses[i].inverse() * poses[j]), 0.1);
+                // A point on the rim of the radius may round either way: one in 600.
+                assert!((f64::from(m.get(i, j)) - o.ratio).abs() < 2e-3, "{i} {j}");
+                assert_eq!(m.get(i, j), m.get(j, i));
+                positive += usize::from(o.ratio > 0.05);
+            }
+        }
+        assert!(positive >= 3);
+        assert!(overlap_matrix(&views, &poses[..2], 0.1).is_err());
+        assert_eq!(overlap_matrix(&[&[], &clouds[0]], &poses[..2], 0.1).unwrap().get(0, 1), 0.0);
+    }
+
+    #[test]
+    fn benchmarks_split_at_their_limits() {
+        let mut values = vec![0.0; 16];
+        for (i, j, o) in [(0, 1, 0.3), (0, 2, 0.31), (0, 3, 0.1), (1, 2, 0.11), (1, 3, 0.9)] {
+            values[i * 4 + j] = o;
+            values[j * 4 + i] = o;
+        }
+        let m = SimilarityMatrix::new(4, values).unwrap();
+        let ids = |v: &[(usize, usize)]| v.iter().map(|p| (ScanId(p.0), ScanId(p.1))).collect::<Vec<_>>();
+        assert_eq!(benchmark_pairs(&m, &MATCH_OVERLAP), ids(&[(0, 2), (1, 3)]));
+        assert_eq!(benchmark_pairs(&m, &LO_MATCH_OVERLAP), ids(&[(0, 1), (1, 2)]));
+    }
+
+    #[test]
+    fn information_is_the_quadratic_form_of_moved_points() {
+        // ξᵀΛξ = Σ‖t − p×ω‖² = Σ‖t + ω×p‖², the first-order motion of the points.
+        let points = [[1.0, 2.0, 3.0], [-1.0, 0.5, 2.0]].map(Point::from);
+        let information = information_matrix(&points);
+        let (t, w) = (Vector3::new(0.1, 0.2, -0.3), Vector3::new(0.01, -0.02, 0.05));
+        let xi = nalgebra::Vector6::new(t.x, t.y, t.z, w.x, w.y, w.z);
+        let expected: f64 = points.iter().map(|p| (t + w.cross(&p.coords.cast())).norm_squared()).sum();
+        assert!((xi.dot(&(information * xi)) - expected).abs() < 1e-12);
+        // Entries of one point as they stand in the files: Λ₀₄ = z, Λ₀₅ = −y, Λ₁₅ = x, Λ₃₃ = y² + z².
+        let one = information_matrix(&points[..1]);
+        assert_eq!((one[(0, 0)], one[(0, 4)], one[(0, 5)], one[(1, 5)]), (1.0, 3.0, -2.0, 1.0));
+        assert_eq!((one[(3, 3)], one[(3, 4)]), (13.0, -2.0));
+    }
+
+    #[test]
+    fn truth_of_a_pair_uses_the_common_points_in_the_target_frame() {
+        let a = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [5.0, 0.0, 0.0]].map(Point::from);
+        let b = [[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [9.0, 9.0, 9.0]].map(Point::from);
+        let poses = [RigidMotion::translation(2.0, 0.0, 0.0), RigidMotion::translation(3.0, 0.0, 0.0)];
+        let views = [&a[..], &b[..]];
+        let m = overlap_matrix(&views, &poses, 0.1).unwrap();
+        assert!((m.get(0, 1) - 4.0 / 6.0).abs() < 1e-6);
+        let truth = truth_of_pairs(&views, &poses, &m, &MATCH_OVERLAP, 0.1).unwrap();
+        assert_eq!(truth.len(), 1);
+        assert_eq!(truth[0].i_from_j, RigidMotion::translation(1.0, 0.0, 0.0));
+        assert_eq!(truth[0].information, Some(information_matrix(&a[..2])));
+    }
+}

@@ -1,0 +1,23 @@
+//! The field's evaluation protocols (SPEC §3): registration recall, pose errors, retrieval
+//! scores, and the ground truth they need.
+
+pub mod ground_truth;
+pub mod pose_error;
+pub mod recall;
+pub mod retrieval;
+
+/// Median (mean of the two middle values of an even number), `None` when empty.
+/// `values` may hold infinities but no NaN.
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    (n > 0).then(|| {
+        let (a, b) = (values[(n - 1) / 2], values[n / 2]);
+        if a == b { a } else { 0.5 * (a + b) }
+    })
+}
+
+/// Mean, `None` when empty.
+fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}

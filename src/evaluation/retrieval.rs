@@ -1,0 +1,148 @@
+//! How well predicted overlaps find scans that truly overlap.
+
+use super::mean;
+use crate::error::{Error, Result};
+use crate::scan::SimilarityMatrix;
+use serde::Serialize;
+
+/// Retrieval scores of one scene.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RetrievalReport {
+    /// Cut-offs of `recall_at`.
+    pub cutoffs: Vec<usize>,
+    /// For every cut-off k: mean over scans of the share of their truly overlapping scans among
+    /// their k most similar ones; scans that overlap nothing are left out. `None` if all do.
+    pub recall_at: Vec<Option<f64>>,
+    /// Spearman's rank correlation of similarity and overlap over all pairs; `None` where one of
+    /// them is constant.
+    pub spearman: Option<f64>,
+    /// Mean absolute difference of similarity and overlap over all pairs.
+    pub mean_absolute_error: Option<f64>,
+    /// Truly overlapping pairs.
+    pub overlapping_pairs: usize,
+}
+
+/// Scores `similarity` against true `overlap`; scans overlap truly above `overlap_above`.
+///
+/// Equal similarities rank by scan index, as the pipeline breaks ties.
+///
+/// # Errors
+/// When the matrices differ in size.
+pub fn retrieval_scores(
+    similarity: &SimilarityMatrix,
+    overlap: &SimilarityMatrix,
+    overlap_above: f32,
+    cutoffs: &[usize],
+) -> Result<RetrievalReport> {
+    let n = similarity.len();
+    if overlap.len() != n {
+        return Err(Error::input(
+            "overlap matrix",
+            format!("{} scans", overlap.len()),
+            format!("{n} scans, as in the similarity matrix"),
+            "compute both from the same set",
+        ));
+    }
+    let mut shares = vec![Vec::new(); cutoffs.len()];
+    let (mut predicted, mut actual, mut overlapping_pairs) = (Vec::new(), Vec::new(), 0);
+    for i in 0..n {
+        let mut ranking: Vec<usize> = (0..n).filter(|&j| j != i).collect();
+        ranking.sort_by(|&a, &b| similarity.get(i, b).total_cmp(&similarity.get(i, a)).then(a.cmp(&b)));
+        let true_ones = ranking.iter().filter(|&&j| overlap.get(i, j) > overlap_above).count();
+        if true_ones > 0 {
+            for (k, share) in cutoffs.iter().zip(&mut shares) {
+                let found = ranking.iter().take(*k).filter(|&&j| overlap.get(i, j) > overlap_above).count();
+                share.push(found as f64 / true_ones as f64);
+            }
+        }
+        for j in i + 1..n {
+            predicted.push(f64::from(similarity.get(i, j)));
+            actual.push(f64::from(overlap.get(i, j)));
+            overlapping_pairs += usize::from(overlap.get(i, j) > overlap_above);
+        }
+    }
+    let differences: Vec<f64> = predicted.iter().zip(&actual).map(|(p, a)| (p - a).abs()).collect();
+    Ok(RetrievalReport {
+        cutoffs: cutoffs.to_vec(),
+        recall_at: shares.iter().map(|s| mean(s)).collect(),
+        spearman: spearman(&predicted, &actual),
+        mean_absolute_error: mean(&differences),
+        overlapping_pairs,
+    })
+}
+
+/// Spearman's rank correlation: Pearson's of the ranks, equal values sharing their mean rank.
+/// `None` when the lengths differ, there are fewer than two values, or one side is constant.
+pub fn spearman(a: &[f64], b: &[f64]) -> Option<f64> {
+    if a.len() != b.len() || a.len() < 2 {
+        return None;
+    }
+    let (ra, rb) = (ranks(a), ranks(b));
+    // Ranks 0..n−1 sum up to n(n−1)/2 with or without ties.
+    let middle = 0.5 * (a.len() as f64 - 1.0);
+    let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| (x - middle) * (y - middle)).sum::<f64>();
+    let scale = (dot(&ra, &ra) * dot(&rb, &rb)).sqrt();
+    (scale > 0.0).then(|| dot(&ra, &rb) / scale)
+}
+
+fn ranks(values: &[f64]) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..values.len()).collect();
+    order.sort_by(|&i, &j| values[i].total_cmp(&values[j]));
+    let mut ranks = vec![0.0; values.len()];
+    let mut before = 0.0;
+    for group in order.chunk_by(|&i, &j| values[i] == values[j]) {
+        let size = group.len() as f64;
+        for &i in group {
+            ranks[i] = before + 0.5 * (size - 1.0);
+        }
+        before += size;
+    }
+    ranks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spearman_of_known_rankings() {
+        // One swap of neighbours in five: 1 − 6·Σd²/(n(n²−1)) = 1 − 6·2/120.
+        let rho = spearman(&[1.0, 2.0, 3.0, 4.0, 5.0], &[10.0, 30.0, 20.0, 40.0, 1e9]).unwrap();
+        assert!((rho - 0.9).abs() < 1e-12);
+        assert!((spearman(&[1.0, 2.0, 3.0], &[3.0, 2.0, 1.0]).unwrap() + 1.0).abs() < 1e-12);
+        // Ties share ranks: (0.5, 0.5, 2) against (0, 1, 2) gives 1.5/√(1.5·2).
+        let tied = spearman(&[1.0, 1.0, 2.0], &[1.0, 2.0, 3.0]).unwrap();
+        assert!((tied - 1.5 / 3.0f64.sqrt()).abs() < 1e-12);
+        assert_eq!(spearman(&[1.0, 1.0], &[1.0, 2.0]), None);
+        assert_eq!(spearman(&[1.0], &[1.0]), None);
+    }
+
+    #[test]
+    fn recall_at_k_by_hand() {
+        let matrix = |entries: &[(usize, usize, f32)]| {
+            let mut v = vec![0.0; 16];
+            for &(i, j, x) in entries {
+                v[i * 4 + j] = x;
+                v[j * 4 + i] = x;
+            }
+            SimilarityMatrix::new(4, v).unwrap()
+        };
+        let overlap = matrix(&[(0, 1, 0.5), (0, 2, 0.4)]);
+        let similarity = matrix(&[(0, 1, 0.3), (0, 3, 0.9), (0, 2, 0.6), (1, 2, 0.2)]);
+        let r = retrieval_scores(&similarity, &overlap, 0.1, &[1, 2, 3]).unwrap();
+        // Scan 0 ranks 3, 2, 1: finds 0, ½, 1. Scan 1 ranks 0 first, scan 2 ranks 0 first: 1 always.
+        // Scan 3 overlaps nothing and is left out.
+        let expected = [2.0 / 3.0, 2.5 / 3.0, 1.0];
+        for (found, expected) in r.recall_at.iter().zip(expected) {
+            assert!((found.unwrap() - expected).abs() < 1e-12);
+        }
+        // |0.3−0.5| + |0.6−0.4| + 0.9 + 0.2 over six pairs.
+        assert!((r.mean_absolute_error.unwrap() - 1.5 / 6.0).abs() < 1e-6);
+        assert_eq!(r.overlapping_pairs, 2);
+        let nothing = retrieval_scores(&similarity, &matrix(&[]), 0.1, &[1]).unwrap();
+        assert_eq!((nothing.recall_at[0], nothing.spearman), (None, None));
+        assert!(
+            retrieval_scores(&similarity, &SimilarityMatrix::new(1, vec![0.0]).unwrap(), 0.1, &[1]).is_err()
+        );
+    }
+}
