@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! SCANWEAVE_DATA=… cargo run --release --example matching_quality -- \
-//!     --voxel-m 0.025 --normal-voxels 2,3 --feature-voxels 5,7,9 --pairs 24
+//!     --voxel-m 0.025 --normal-voxels 3,5,7 --feature-voxels 7,9,12 --pairs 24
 //! ```
 //!
 //! For every pair: mutual nearest neighbours among the descriptors of both fragments; the
@@ -35,10 +35,10 @@ struct Arguments {
     #[arg(long, default_value_t = 0.025)]
     voxel_m: f64,
     /// Normal radii in voxels.
-    #[arg(long, value_delimiter = ',', default_value = "3")]
+    #[arg(long, value_delimiter = ',', default_value = "5")]
     normal_voxels: Vec<f64>,
     /// Feature radii in voxels.
-    #[arg(long, value_delimiter = ',', default_value = "7")]
+    #[arg(long, value_delimiter = ',', default_value = "12")]
     feature_voxels: Vec<f64>,
     /// Keypoints a fragment.
     #[arg(long, value_delimiter = ',', default_value = "5000")]

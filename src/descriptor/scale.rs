@@ -14,9 +14,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Radius of the neighbourhood that fixes a normal, in voxels.
-pub const NORMAL_RADIUS_VOXELS: f64 = 3.0;
+pub const NORMAL_RADIUS_VOXELS: f64 = 5.0;
 /// Radius of the neighbourhood a descriptor describes, in voxels.
-pub const FEATURE_RADIUS_VOXELS: f64 = 7.0;
+pub const FEATURE_RADIUS_VOXELS: f64 = 12.0;
 /// Inlier radius τ in voxels: 7 cm at 2.5 cm (Li et al. 2025).
 pub const INLIER_RADIUS_VOXELS: f64 = 2.8;
 
