@@ -2,48 +2,113 @@
 
 use crate::error::Result;
 use crate::geometry::Point;
-use crate::geometry::neighbours::RadiusGrid;
 use crate::scan::SimilarityMatrix;
 use rayon::prelude::*;
+
+/// Cells that one task counts; sums of whole numbers, so the split changes nothing.
+const CELLS_PER_TASK: usize = 128;
 
 /// Two-way overlap of all pairs of point sets in one frame: (points of i near j + points of j near
 /// i) / (|i| + |j|), near meaning within `radius_m`; empty sets overlap nothing.
 ///
-/// One grid holds the points of all sets, and every point looks around once and marks the sets it
-/// finds: N grids less and N queries a point less than going pair by pair.
+/// One grid holds the points of all sets. The neighbourhood of a cell is gathered once for all its
+/// points and grouped by set, so that a point stops at the first hit of each set: the cost grows
+/// with points times the sets around them, not with points times points, nor with pairs of sets.
 ///
 /// # Errors
 /// None for finite points.
 pub fn overlap_matrix(sets: &[Vec<Point>], radius_m: f32) -> Result<SimilarityMatrix> {
     let n = sets.len();
-    let points: Vec<Point> = sets.concat();
-    let owner: Vec<u32> =
-        sets.iter().enumerate().flat_map(|(i, s)| std::iter::repeat_n(i as u32, s.len())).collect();
-    let grid = RadiusGrid::new(&points, radius_m);
-    let near: Vec<Vec<u32>> = sets
-        .par_iter()
-        .map(|set| {
-            let mut counts = vec![0u32; n];
-            // Number of the last query that found the set, counted from 1.
-            let mut seen = vec![0u32; n];
-            for (q, point) in (1u32..).zip(set) {
-                grid.for_each_within(point, |at, _| {
-                    let j = owner[at] as usize;
-                    counts[j] += u32::from(seen[j] != q);
-                    seen[j] = q;
-                });
-            }
+    let grid = OwnedGrid::new(sets, radius_m);
+    let counts = grid
+        .cells
+        .par_chunks(CELLS_PER_TASK)
+        .map(|cells| {
+            let mut counts = vec![0u32; n * n];
+            let mut around = Vec::new();
+            cells.iter().for_each(|cell| grid.count_cell(cell, radius_m, n, &mut around, &mut counts));
             counts
         })
-        .collect();
+        .reduce_with(|mut a, b| {
+            a.iter_mut().zip(&b).for_each(|(x, y)| *x += y);
+            a
+        })
+        .unwrap_or_else(|| vec![0; n * n]);
     let mut values = vec![0.0f32; n * n];
     for i in 0..n {
         for j in (0..n).filter(|&j| j != i) {
             let total = (sets[i].len() + sets[j].len()).max(1);
-            values[i * n + j] = (f64::from(near[i][j] + near[j][i]) / total as f64) as f32;
+            values[i * n + j] = (f64::from(counts[i * n + j] + counts[j * n + i]) / total as f64) as f32;
         }
     }
     SimilarityMatrix::new(n, values)
+}
+
+/// Points of all sets, sorted by grid cell and within a cell by set.
+struct OwnedGrid {
+    points: Vec<(Point, u32)>,
+    /// Cells in lexicographic order, so that those of equal x and y lie side by side.
+    cells: Vec<Cell>,
+}
+
+struct Cell {
+    at: [i32; 3],
+    start: usize,
+    end: usize,
+}
+
+impl OwnedGrid {
+    /// Cells as wide as the radius: what is near a point lies in its own cell or the 26 around.
+    fn new(sets: &[Vec<Point>], radius_m: f32) -> Self {
+        let cell = |p: &Point| [p.x, p.y, p.z].map(|v| (v / radius_m).floor() as i32);
+        let mut keyed: Vec<([i32; 3], u32, u32)> = (0u32..)
+            .zip(sets)
+            .flat_map(|(owner, set)| (0u32..).zip(set).map(move |(i, p)| (cell(p), owner, i)))
+            .collect();
+        keyed.par_sort_unstable();
+        let points = keyed.iter().map(|&(_, o, i)| (sets[o as usize][i as usize], o)).collect();
+        let mut cells: Vec<Cell> = Vec::new();
+        for (i, &(at, ..)) in keyed.iter().enumerate() {
+            match cells.last_mut() {
+                Some(last) if last.at == at => last.end = i + 1,
+                _ => cells.push(Cell { at, start: i, end: i + 1 }),
+            }
+        }
+        Self { points, cells }
+    }
+
+    /// Adds, for every point of `cell`, one to its set's count of every set with a point near it.
+    fn count_cell(
+        &self,
+        cell: &Cell,
+        radius_m: f32,
+        n: usize,
+        around: &mut Vec<(u32, Point)>,
+        counts: &mut [u32],
+    ) {
+        around.clear();
+        let [x, y, z] = cell.at;
+        for dx in -1..=1 {
+            for dy in -1..=1 {
+                let (low, high) = ([x + dx, y + dy, z - 1], [x + dx, y + dy, z + 1]);
+                let first = self.cells.partition_point(|c| c.at < low);
+                let column = self.cells[first..].iter().take_while(|c| c.at <= high);
+                for near in column {
+                    around.extend(self.points[near.start..near.end].iter().map(|&(p, o)| (o, p)));
+                }
+            }
+        }
+        // Stable: the order within a set does not matter for the count.
+        around.sort_by_key(|&(owner, _)| owner);
+        let limit = radius_m * radius_m;
+        for (point, own) in &self.points[cell.start..cell.end] {
+            for group in around.chunk_by(|a, b| a.0 == b.0) {
+                if group.iter().any(|(_, p)| (p - point).norm_squared() <= limit) {
+                    counts[*own as usize * n + group[0].0 as usize] += 1;
+                }
+            }
+        }
+    }
 }
 
 #[cfg(test)]
