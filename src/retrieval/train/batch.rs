@@ -136,7 +136,8 @@ impl<'a> PreparedScene<'a> {
         let mut kept: Vec<usize> = near.into_iter().map(|(_, i)| i as usize).collect();
         kept.sort_unstable();
         let (kept, _) = kept.partial_shuffle(&mut rng, m);
-        let mut values = features.descriptors.select(kept).values().to_vec();
+        let mut values = Vec::with_capacity(kept.len() * features.descriptors.dim());
+        kept.iter().for_each(|&i| values.extend_from_slice(features.descriptors.row(i)));
         drop_out(&mut values, config.dropout, &mut rng);
         (kept.iter().map(|&i| self.world[scan][i]).collect(), values)
     }
@@ -162,7 +163,8 @@ impl<'a> PreparedScene<'a> {
 fn drop_out(values: &mut [f32], share: f64, rng: &mut impl RngExt) {
     if share > 0.0 {
         let below = (share * f64::from(u32::MAX)) as u32;
-        values.iter_mut().filter(|_| rng.next_u32() < below).for_each(|v| *v = 0.0);
+        // A product instead of a branch, which would be mispredicted every third time.
+        values.iter_mut().for_each(|v| *v *= f32::from(rng.next_u32() >= below));
     }
 }
 

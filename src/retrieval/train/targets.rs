@@ -25,8 +25,11 @@ pub fn overlap_matrix(sets: &[Vec<Point>], radius_m: f32) -> Result<SimilarityMa
         .par_chunks(CELLS_PER_TASK)
         .map(|cells| {
             let mut counts = vec![0u32; n * n];
-            let mut around = Vec::new();
-            cells.iter().for_each(|cell| grid.count_cell(cell, radius_m, n, &mut around, &mut counts));
+            let mut around = Around::new(n);
+            for cell in cells {
+                around.gather(&grid, cell);
+                grid.points[cell.start..cell.end].iter().for_each(|p| around.count(p, radius_m, &mut counts));
+            }
             counts
         })
         .reduce_with(|mut a, b| {
@@ -77,35 +80,64 @@ impl OwnedGrid {
         Self { points, cells }
     }
 
-    /// Adds, for every point of `cell`, one to its set's count of every set with a point near it.
-    fn count_cell(
-        &self,
-        cell: &Cell,
-        radius_m: f32,
-        n: usize,
-        around: &mut Vec<(u32, Point)>,
-        counts: &mut [u32],
-    ) {
-        around.clear();
+    /// The 27 cells in and around `cell` that hold points, as ranges; the cell itself first.
+    fn neighbourhood<'a>(&'a self, cell: &'a Cell) -> impl Iterator<Item = std::ops::Range<usize>> + 'a {
         let [x, y, z] = cell.at;
-        for dx in -1..=1 {
-            for dy in -1..=1 {
-                let (low, high) = ([x + dx, y + dy, z - 1], [x + dx, y + dy, z + 1]);
-                let first = self.cells.partition_point(|c| c.at < low);
-                let column = self.cells[first..].iter().take_while(|c| c.at <= high);
-                for near in column {
-                    around.extend(self.points[near.start..near.end].iter().map(|&(p, o)| (o, p)));
-                }
+        let columns = (-1..=1).flat_map(move |dx| (-1..=1).map(move |dy| [x + dx, y + dy]));
+        let others = columns.flat_map(move |[x, y]| {
+            let first = self.cells.partition_point(|c| c.at < [x, y, z - 1]);
+            self.cells[first..].iter().take_while(move |c| c.at <= [x, y, z + 1])
+        });
+        let others = others.filter(|c| c.at != cell.at);
+        std::iter::once(cell).chain(others).map(|c| c.start..c.end)
+    }
+}
+
+/// Points in and around one cell, grouped by set.
+struct Around {
+    points: Vec<Point>,
+    /// Set, and where its points lie.
+    groups: Vec<(u32, std::ops::Range<usize>)>,
+    /// For every set, where its next point goes.
+    next: Vec<usize>,
+}
+
+impl Around {
+    fn new(n: usize) -> Self {
+        Self { points: Vec::new(), groups: Vec::new(), next: vec![0; n] }
+    }
+
+    /// Counting sort by set. The cell's own points lead every group: they are the likeliest hits.
+    fn gather(&mut self, grid: &OwnedGrid, cell: &Cell) {
+        let ranges: Vec<std::ops::Range<usize>> = grid.neighbourhood(cell).collect();
+        let near = || ranges.iter().flat_map(|r| &grid.points[r.clone()]);
+        self.next.fill(0);
+        near().for_each(|&(_, owner)| self.next[owner as usize] += 1);
+        self.groups.clear();
+        let mut start = 0;
+        for (owner, next) in (0u32..).zip(self.next.iter_mut()) {
+            let end = start + *next;
+            if end > start {
+                self.groups.push((owner, start..end));
             }
+            *next = start;
+            start = end;
         }
-        // Stable: the order within a set does not matter for the count.
-        around.sort_by_key(|&(owner, _)| owner);
+        self.points.resize(start, Point::origin());
+        for &(point, owner) in near() {
+            let slot = &mut self.next[owner as usize];
+            self.points[*slot] = point;
+            *slot += 1;
+        }
+    }
+
+    /// Adds one to the count of (own set, other set) for every set with a point near this one.
+    fn count(&self, (point, own): &(Point, u32), radius_m: f32, counts: &mut [u32]) {
         let limit = radius_m * radius_m;
-        for (point, own) in &self.points[cell.start..cell.end] {
-            for group in around.chunk_by(|a, b| a.0 == b.0) {
-                if group.iter().any(|(_, p)| (p - point).norm_squared() <= limit) {
-                    counts[*own as usize * n + group[0].0 as usize] += 1;
-                }
+        let row = *own as usize * self.next.len();
+        for (owner, range) in &self.groups {
+            if self.points[range.clone()].iter().any(|p| (p - point).norm_squared() <= limit) {
+                counts[row + *owner as usize] += 1;
             }
         }
     }
