@@ -55,5 +55,5 @@ fn training_steps_are_mostly_network() {
     let config = TrainConfig { epochs: 20, ..TrainConfig::default() };
     let report = train(&data, &config, folder.path(), false, &Silent).unwrap();
     println!("{:.0} ms a step, {:.1} % outside the network", report.step_ms, 100.0 * report.outside_share);
-    assert!(report.outside_share < 0.25);
+    assert!(report.outside_share < 0.35);
 }

@@ -159,12 +159,14 @@ impl<'a> PreparedScene<'a> {
 }
 
 /// Sets a share of the values to zero. The usual 1/(1 − share) is left out: the heads scale every
-/// descriptor to unit length next.
+/// descriptor to unit length next. The share is exact to 1/65536.
 fn drop_out(values: &mut [f32], share: f64, rng: &mut impl RngExt) {
     if share > 0.0 {
-        let below = (share * f64::from(u32::MAX)) as u32;
-        // A product instead of a branch, which would be mispredicted every third time.
-        values.iter_mut().for_each(|v| *v *= f32::from(rng.next_u32() >= below));
+        let below = (share * 65536.0).round() as u16;
+        let mut draws = vec![0u16; values.len()];
+        rng.fill(&mut draws[..]);
+        // A choice between two values instead of a branch mispredicted every third time.
+        values.iter_mut().zip(&draws).for_each(|(v, &draw)| *v = if draw < below { 0.0 } else { *v });
     }
 }
 

@@ -7,6 +7,8 @@ use rayon::prelude::*;
 
 /// Cells that one task counts; sums of whole numbers, so the split changes nothing.
 const CELLS_PER_TASK: usize = 128;
+/// Points measured before looking whether one of them was near.
+const LANES: usize = 8;
 
 /// Two-way overlap of all pairs of point sets in one frame: (points of i near j + points of j near
 /// i) / (|i| + |j|), near meaning within `radius_m`; empty sets overlap nothing.
@@ -50,52 +52,59 @@ pub fn overlap_matrix(sets: &[Vec<Point>], radius_m: f32) -> Result<SimilarityMa
 /// Points of all sets, sorted by grid cell and within a cell by set.
 struct OwnedGrid {
     points: Vec<(Point, u32)>,
-    /// Cells in lexicographic order, so that those of equal x and y lie side by side.
+    /// Cells in the order of their keys, so that those of equal x and y lie side by side.
     cells: Vec<Cell>,
 }
 
 struct Cell {
-    at: [i32; 3],
+    key: u64,
     start: usize,
     end: usize,
 }
 
+/// Bits of a cell coordinate in a key: two million cells a side, far beyond single precision.
+const BITS: u32 = 21;
+
 impl OwnedGrid {
     /// Cells as wide as the radius: what is near a point lies in its own cell or the 26 around.
     fn new(sets: &[Vec<Point>], radius_m: f32) -> Self {
-        let cell = |p: &Point| [p.x, p.y, p.z].map(|v| (v / radius_m).floor() as i32);
-        let mut keyed: Vec<([i32; 3], u32, u32)> = (0u32..)
-            .zip(sets)
-            .flat_map(|(owner, set)| (0u32..).zip(set).map(move |(i, p)| (cell(p), owner, i)))
-            .collect();
+        let mut low = [f32::INFINITY; 3];
+        sets.iter().flatten().for_each(|p| (0..3).for_each(|a| low[a] = low[a].min(p[a])));
+        // One free cell below the lowest and above the highest, for the neighbours.
+        let axis = |v: f32, low: f32| (((v - low) / radius_m) as u64).min((1 << BITS) - 3) + 1;
+        let key = |p: &Point| axis(p.x, low[0]) << (2 * BITS) | axis(p.y, low[1]) << BITS | axis(p.z, low[2]);
+        let flat: Vec<(Point, u32)> =
+            (0u32..).zip(sets).flat_map(|(owner, set)| set.iter().map(move |&p| (p, owner))).collect();
+        let mut keyed: Vec<(u64, u32)> = (0u32..).zip(&flat).map(|(i, (p, _))| (key(p), i)).collect();
         keyed.par_sort_unstable();
-        let points = keyed.iter().map(|&(_, o, i)| (sets[o as usize][i as usize], o)).collect();
+        let points = keyed.iter().map(|&(_, i)| flat[i as usize]).collect();
         let mut cells: Vec<Cell> = Vec::new();
-        for (i, &(at, ..)) in keyed.iter().enumerate() {
+        for (i, &(key, _)) in keyed.iter().enumerate() {
             match cells.last_mut() {
-                Some(last) if last.at == at => last.end = i + 1,
-                _ => cells.push(Cell { at, start: i, end: i + 1 }),
+                Some(last) if last.key == key => last.end = i + 1,
+                _ => cells.push(Cell { key, start: i, end: i + 1 }),
             }
         }
         Self { points, cells }
     }
 
-    /// The 27 cells in and around `cell` that hold points, as ranges; the cell itself first.
-    fn neighbourhood<'a>(&'a self, cell: &'a Cell) -> impl Iterator<Item = std::ops::Range<usize>> + 'a {
-        let [x, y, z] = cell.at;
-        let columns = (-1..=1).flat_map(move |dx| (-1..=1).map(move |dy| [x + dx, y + dy]));
-        let others = columns.flat_map(move |[x, y]| {
-            let first = self.cells.partition_point(|c| c.at < [x, y, z - 1]);
-            self.cells[first..].iter().take_while(move |c| c.at <= [x, y, z + 1])
-        });
-        let others = others.filter(|c| c.at != cell.at);
-        std::iter::once(cell).chain(others).map(|c| c.start..c.end)
+    /// The points of the 27 cells in and around `cell`: a range for every column of three.
+    fn neighbourhood(&self, cell: &Cell) -> [&[(Point, u32)]; 9] {
+        let key = cell.key - (1 << (2 * BITS)) - (1 << BITS);
+        std::array::from_fn(|column| {
+            let middle = key + ((column as u64 / 3) << (2 * BITS)) + ((column as u64 % 3) << BITS);
+            let first = self.cells.partition_point(|c| c.key < middle - 1);
+            let near = self.cells[first..].iter().take_while(|c| c.key <= middle + 1);
+            near.fold(None, |range: Option<(usize, usize)>, c| Some((range.map_or(c.start, |r| r.0), c.end)))
+                .map_or(&[][..], |(start, end)| &self.points[start..end])
+        })
     }
 }
 
 /// Points in and around one cell, grouped by set.
 struct Around {
-    points: Vec<Point>,
+    /// Coordinates one after another, so that several points are measured at once.
+    xyz: [Vec<f32>; 3],
     /// Set, and where its points lie.
     groups: Vec<(u32, std::ops::Range<usize>)>,
     /// For every set, where its next point goes.
@@ -104,15 +113,16 @@ struct Around {
 
 impl Around {
     fn new(n: usize) -> Self {
-        Self { points: Vec::new(), groups: Vec::new(), next: vec![0; n] }
+        Self { xyz: Default::default(), groups: Vec::new(), next: vec![0; n] }
     }
 
-    /// Counting sort by set. The cell's own points lead every group: they are the likeliest hits.
+    /// Counting sort by set.
     fn gather(&mut self, grid: &OwnedGrid, cell: &Cell) {
-        let ranges: Vec<std::ops::Range<usize>> = grid.neighbourhood(cell).collect();
-        let near = || ranges.iter().flat_map(|r| &grid.points[r.clone()]);
+        let columns = grid.neighbourhood(cell);
         self.next.fill(0);
-        near().for_each(|&(_, owner)| self.next[owner as usize] += 1);
+        for &(_, owner) in columns.into_iter().flatten() {
+            self.next[owner as usize] += 1;
+        }
         self.groups.clear();
         let mut start = 0;
         for (owner, next) in (0u32..).zip(self.next.iter_mut()) {
@@ -123,10 +133,11 @@ impl Around {
             *next = start;
             start = end;
         }
-        self.points.resize(start, Point::origin());
-        for &(point, owner) in near() {
+        self.xyz.iter_mut().for_each(|axis| axis.resize(start, 0.0));
+        let [xs, ys, zs] = &mut self.xyz;
+        for &(point, owner) in columns.into_iter().flatten() {
             let slot = &mut self.next[owner as usize];
-            self.points[*slot] = point;
+            (xs[*slot], ys[*slot], zs[*slot]) = (point.x, point.y, point.z);
             *slot += 1;
         }
     }
@@ -135,10 +146,17 @@ impl Around {
     fn count(&self, (point, own): &(Point, u32), radius_m: f32, counts: &mut [u32]) {
         let limit = radius_m * radius_m;
         let row = *own as usize * self.next.len();
+        let [xs, ys, zs] = &self.xyz;
         for (owner, range) in &self.groups {
-            if self.points[range.clone()].iter().any(|p| (p - point).norm_squared() <= limit) {
-                counts[row + *owner as usize] += 1;
-            }
+            let chunks = xs[range.clone()].chunks(LANES).zip(ys[range.clone()].chunks(LANES));
+            let hit = chunks.zip(zs[range.clone()].chunks(LANES)).any(|((x, y), z)| {
+                // Without a way out inside a chunk, so that it compiles to vector instructions.
+                x.iter().zip(y).zip(z).fold(false, |hit, ((x, y), z)| {
+                    let (x, y, z) = (x - point.x, y - point.y, z - point.z);
+                    hit | (x * x + y * y + z * z <= limit)
+                })
+            });
+            counts[row + *owner as usize] += u32::from(hit);
         }
     }
 }
