@@ -5,7 +5,9 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use scanweave::geometry::{Point, RigidMotion};
-use scanweave::retrieval::train::{Record, TrainConfig, TrainReport, TrainingData, TrainingScene, train};
+use scanweave::retrieval::train::{
+    CentroidStart, Record, TrainConfig, TrainReport, TrainingData, TrainingScene, train,
+};
 use scanweave::retrieval::{Checkpoint, DescriptorTag, RetrievalConfig, similarity_of};
 use scanweave::scan::{Descriptors, Features};
 use scanweave::{Monitor, Silent};
@@ -110,13 +112,19 @@ impl Monitor for StopAfter {
 }
 
 #[test]
-fn the_loss_falls_and_the_trained_head_beats_the_untrained_ones() {
+fn the_loss_halves_from_random_centroids() {
     let folder = tempfile::tempdir().unwrap();
-    let report = train(&data(), &config(), folder.path(), false, &Silent).unwrap();
+    let config = TrainConfig { centroids: CentroidStart::Uniform, learning_rate: 0.05, ..config() };
+    let report = train(&data(), &config, folder.path(), false, &Silent).unwrap();
     let losses = losses(&report);
     assert_eq!((losses.len(), report.steps), (12, 36));
-    let (first, last) = (losses[0], losses[11]);
-    assert!(last < 0.5 * first, "the loss must at least halve: {losses:?}");
+    assert!(losses[11] < 0.5 * losses[0], "{losses:?}");
+}
+
+#[test]
+fn a_trained_head_beats_the_untrained_ones_on_a_scene_it_never_saw() {
+    let folder = tempfile::tempdir().unwrap();
+    let report = train(&data(), &config(), folder.path(), false, &Silent).unwrap();
     let mut baselines = Vec::new();
     let mut best = f64::NEG_INFINITY;
     for record in &report.records {
@@ -128,7 +136,7 @@ fn the_loss_falls_and_the_trained_head_beats_the_untrained_ones() {
     }
     assert_eq!(baselines.len(), 3);
     for (name, scores) in &baselines {
-        assert!(best > scores.spearman, "{best} against {name}: {scores:?}");
+        assert!(best > scores.spearman + 0.03, "{best} against {name}: {scores:?}");
     }
     // The best checkpoint is the one whose score it states, and registration can use it.
     let checkpoint = Checkpoint::load_for(&report.best, &data().descriptor).unwrap();
@@ -204,4 +212,17 @@ fn gem_trains_too() {
     assert!(losses[11] < losses[0], "{losses:?}");
     let checkpoint = Checkpoint::load(&report.best).unwrap();
     assert_eq!(checkpoint.meta.name, "gem-waves");
+}
+
+#[test]
+fn the_shipped_recipes_are_readable_and_netvlad_is_the_default() {
+    #[derive(serde::Deserialize)]
+    struct File {
+        train: TrainConfig,
+    }
+    let netvlad: File = toml::from_str(include_str!("../configs/train/netvlad.toml")).unwrap();
+    assert_eq!(netvlad.train, TrainConfig::default());
+    let gem: File = toml::from_str(include_str!("../configs/train/gem.toml")).unwrap();
+    let head = scanweave::retrieval::SimilaritySource::Gem;
+    assert_eq!(gem.train, TrainConfig { head, ..TrainConfig::default() });
 }

@@ -156,7 +156,8 @@ pub(super) fn unit_rows(rows: Tensor<2>) -> Tensor<2> {
 
 /// The numbers of a single-precision tensor.
 pub(super) fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
-    tensor.into_data().iter::<f32>().collect()
+    // No error once converted; element by element iteration is a hundred times slower.
+    tensor.into_data().convert::<f32>().try_into_vec().unwrap_or_default()
 }
 
 #[cfg(test)]

@@ -136,7 +136,8 @@ impl<'a> PreparedScene<'a> {
         let mut kept: Vec<usize> = near.into_iter().map(|(_, i)| i as usize).collect();
         kept.sort_unstable();
         let (kept, _) = kept.partial_shuffle(&mut rng, m);
-        let mut values = features.descriptors.select(kept).values().to_vec();
+        let mut values = Vec::with_capacity(kept.len() * features.descriptors.dim());
+        kept.iter().for_each(|&i| values.extend_from_slice(features.descriptors.row(i)));
         drop_out(&mut values, config.dropout, &mut rng);
         (kept.iter().map(|&i| self.world[scan][i]).collect(), values)
     }
@@ -158,11 +159,14 @@ impl<'a> PreparedScene<'a> {
 }
 
 /// Sets a share of the values to zero. The usual 1/(1 − share) is left out: the heads scale every
-/// descriptor to unit length next.
+/// descriptor to unit length next. The share is exact to 1/65536.
 fn drop_out(values: &mut [f32], share: f64, rng: &mut impl RngExt) {
     if share > 0.0 {
-        let below = (share * f64::from(u32::MAX)) as u32;
-        values.iter_mut().filter(|_| rng.next_u32() < below).for_each(|v| *v = 0.0);
+        let below = (share * 65536.0).round() as u16;
+        let mut draws = vec![0u16; values.len()];
+        rng.fill(&mut draws[..]);
+        // A choice between two values instead of a branch mispredicted every third time.
+        values.iter_mut().zip(&draws).for_each(|(v, &draw)| *v = if draw < below { 0.0 } else { *v });
     }
 }
 
