@@ -4,6 +4,7 @@
 mod completions;
 mod config;
 mod demo;
+mod evaluate;
 mod interrupt;
 pub mod logging;
 mod man;
@@ -49,6 +50,7 @@ pub struct Verbosity {
 enum Command {
     Register(register::Arguments),
     Demo(demo::Arguments),
+    Evaluate(evaluate::Arguments),
     Synth(synth::Arguments),
     Config(config::Arguments),
     Completions(completions::Arguments),
@@ -60,6 +62,7 @@ pub fn run(cli: Cli) -> anyhow::Result<Status> {
     match cli.command {
         Command::Register(arguments) => register::run(arguments, &cli.verbosity),
         Command::Demo(arguments) => demo::run(arguments, &cli.verbosity),
+        Command::Evaluate(arguments) => evaluate::run(arguments, &cli.verbosity),
         Command::Synth(arguments) => synth::run(arguments, &cli.verbosity),
         Command::Config(arguments) => config::run(arguments),
         Command::Completions(arguments) => completions::run(&arguments),

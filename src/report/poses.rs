@@ -1,8 +1,14 @@
 //! `poses.json`: the verdict on every scan, for other programs (docs/poses-json.md).
 
+use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
-use crate::scan::{DeclineReason, NeighbourEvidence, Outcome, Placement, Reconstruction, Scan};
+use crate::geometry::rigid::motion_from_matrix;
+use crate::scan::{
+    DeclineReason, NeighbourEvidence, Outcome, Placement, Reconstruction, Scan, ScanId, Support,
+};
+use nalgebra::Matrix4;
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// Value of the `format` field.
 pub const FORMAT: &str = "scanweave-poses";
@@ -86,6 +92,8 @@ pub struct Pose {
     pub inlier_ratio: f64,
     /// Root mean square distance of the inliers, metres.
     pub residual_m: f64,
+    /// Evidence at the time it joined; null for a pivot.
+    pub support: Option<Support>,
     /// Agreement with every placed scan it touches, at the final poses.
     pub neighbours: Vec<NeighbourEvidence>,
 }
@@ -116,6 +124,37 @@ impl Document {
     }
 }
 
+impl Document {
+    /// Reads a `poses.json`.
+    ///
+    /// # Errors
+    /// [`Error::Read`], or [`Error::File`] when the file is of another kind or version.
+    pub fn load(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+        let expected = format!("{FORMAT} of version {VERSION}, as `scanweave register` writes it");
+        let remedy = "name the output folder of a finished registration";
+        let document: Self = serde_json::from_str(&text)
+            .map_err(|e| Error::file(path, format!("text that does not fit ({e})"), &expected, remedy))?;
+        if document.format != FORMAT || document.version != VERSION {
+            let found = format!("{} of version {}", document.format, document.version);
+            return Err(Error::file(path, found, expected, remedy));
+        }
+        Ok(document)
+    }
+
+    /// The reconstruction it describes; evidence that the document leaves out stays empty.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when a pose is no rigid motion.
+    pub fn reconstruction(&self) -> Result<Reconstruction> {
+        let outcomes = self.scans.iter().map(|entry| match &entry.verdict {
+            Verdict::Placed(pose) => pose.placement(&entry.name).map(Outcome::Placed),
+            Verdict::Declined { decline, .. } => Ok(Outcome::Declined(decline.clone())),
+        });
+        Ok(Reconstruction { outcomes: outcomes.collect::<Result<_>>()? })
+    }
+}
+
 impl Verdict {
     fn of(outcome: &Outcome) -> Self {
         match outcome {
@@ -139,8 +178,32 @@ impl Pose {
             inliers: placement.inliers,
             inlier_ratio: placement.inlier_ratio(),
             residual_m: placement.residual_m,
+            support: placement.support,
             neighbours: placement.neighbours.clone(),
         }
+    }
+
+    fn placement(&self, name: &str) -> Result<Placement> {
+        let matrix = Matrix4::from_fn(|r, c| self.world_from_scan[r][c]);
+        let Some((world_from_scan, _)) = motion_from_matrix(&matrix, 1e-6) else {
+            return Err(Error::input(
+                format!("world_from_scan of {name}"),
+                "a matrix that is no rigid motion",
+                "a rotation and a translation",
+                "register the scans again",
+            ));
+        };
+        Ok(Placement {
+            world_from_scan,
+            component: self.component,
+            step: self.step,
+            parent: self.parent.map(ScanId),
+            matches: self.matches,
+            inliers: self.inliers,
+            residual_m: self.residual_m,
+            support: self.support,
+            neighbours: self.neighbours.clone(),
+        })
     }
 }
 
@@ -172,7 +235,7 @@ fn quaternion(pose: &RigidMotion) -> [f64; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scan::{PointCloud, ScanId};
+    use crate::scan::PointCloud;
     use nalgebra::Vector3;
 
     fn scan(id: usize) -> Scan {

@@ -1,0 +1,182 @@
+//! `scanweave evaluate`.
+
+use super::{Status, Verbosity, terminal};
+use anyhow::Context;
+use clap::Args;
+use scanweave::evaluation::pose_error::{PoseReport, evaluate_against_truth};
+use scanweave::evaluation::recall::{RecallConfig, RecallReport, registration_recall};
+use scanweave::geometry::RigidMotion;
+use scanweave::report::poses::Document;
+use scanweave::scan::{Reconstruction, ScanId};
+use scanweave::{Error, io};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Compare a registration with true poses.
+///
+/// Prints the errors of the relative poses of all pairs of placed scans, and for every
+/// benchmark folder (gt.log and gt.info, as 3DMatch and 3DLoMatch have them) the
+/// registration recall. A pair with a declined scan counts as a failure.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Output folder of `register`.
+    #[arg(value_name = "RESULT")]
+    result: PathBuf,
+    /// Folder of the scans with their true poses: <scan>.info.txt or .pose.txt beside each
+    /// scan, poses/pose<i>.txt, poses.txt, or one Stanford .conf.
+    #[arg(long, value_name = "SCENE")]
+    truth: PathBuf,
+    /// Folder with gt.log and gt.info; may be repeated.
+    #[arg(long = "benchmark", value_name = "DIR")]
+    benchmarks: Vec<PathBuf>,
+    /// Largest error of a registered pair, metres: 0.2 for 3DMatch, 0.5 for ETH.
+    #[arg(long, value_name = "M", default_value_t = RecallConfig::default().threshold_m)]
+    threshold: f64,
+    /// Leave out the first counted pair, as a published evaluator does by mistake.
+    #[arg(long)]
+    reference_quirks: bool,
+    /// Print one JSON document instead of text.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What is printed under `--json`.
+#[derive(Debug, Serialize)]
+struct Report {
+    declined: Vec<String>,
+    poses: PoseReport,
+    benchmarks: BTreeMap<String, RecallReport>,
+}
+
+pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    let document = Document::load(&arguments.result.join("poses.json"))?;
+    let reconstruction = document.reconstruction()?;
+    let scene = io::dataset::read_scene(&arguments.truth)?;
+    let by_stem = true_poses(&scene, &arguments.truth)?;
+    let truth = document
+        .scans
+        .iter()
+        .map(|entry| {
+            let stem = entry.name.rsplit('/').next().unwrap_or(&entry.name);
+            by_stem.get(stem).copied().ok_or_else(|| {
+                let expected = format!("the scans of {}", arguments.result.display());
+                let remedy = "name the folder that these scans came from with --truth";
+                Error::file(
+                    &arguments.truth,
+                    format!("no true pose for the scan {}", entry.name),
+                    expected,
+                    remedy,
+                )
+            })
+        })
+        .collect::<Result<Vec<RigidMotion>, Error>>()?;
+    let poses = evaluate_against_truth(&reconstruction, &truth)?;
+    let config = RecallConfig {
+        threshold_m: arguments.threshold,
+        reference_quirks: arguments.reference_quirks,
+        ..RecallConfig::default()
+    };
+    let mut benchmarks = BTreeMap::new();
+    for folder in &arguments.benchmarks {
+        let report = recall(folder, &document, &reconstruction, &config)?;
+        benchmarks.insert(folder.display().to_string(), report);
+    }
+    let declined = document.scans.iter().zip(&reconstruction.outcomes);
+    let declined = declined.filter(|d| d.1.placement().is_none()).map(|d| d.0.name.clone()).collect();
+    let report = Report { declined, poses, benchmarks };
+    if arguments.json {
+        terminal::print(&(serde_json::to_string_pretty(&report).context("writing the report")? + "\n"))?;
+    } else if !verbosity.quiet {
+        print(&report, scene.world_from_scan.map_or(0.0, |t| t.deviation))?;
+    }
+    Ok(Status::Success)
+}
+
+/// True poses by the name of their scan.
+fn true_poses(scene: &io::dataset::Scene, folder: &Path) -> Result<BTreeMap<String, RigidMotion>, Error> {
+    let Some(truth) = &scene.world_from_scan else {
+        return Err(Error::file(
+            folder,
+            "scans without true poses",
+            "a pose file beside each scan, poses/, poses.txt or one .conf",
+            "see `scanweave evaluate --help` for the layouts",
+        ));
+    };
+    let names = io::unique_names(&scene.scans);
+    let stems = names.into_iter().map(|n| n.rsplit('/').next().unwrap_or(&n).to_owned());
+    Ok(stems.zip(truth.value.iter().copied()).collect())
+}
+
+/// Recall on one benchmark, whose ids are the numbers at the end of the scans' names.
+fn recall(
+    folder: &Path,
+    document: &Document,
+    reconstruction: &Reconstruction,
+    config: &RecallConfig,
+) -> Result<RecallReport, Error> {
+    let benchmark = io::dataset::read_benchmark(folder)?;
+    let numbered: BTreeMap<usize, ScanId> = document
+        .scans
+        .iter()
+        .filter_map(|entry| Some((trailing_number(&entry.name)?, ScanId(entry.id))))
+        .collect();
+    if let Some(pair) =
+        benchmark.pairs.iter().find(|p| !numbered.contains_key(&p.i.0) || !numbered.contains_key(&p.j.0))
+    {
+        return Err(Error::file(
+            folder.join("gt.log"),
+            format!("the pair {} {}", pair.i, pair.j),
+            format!("numbers of the {} scans of the result", document.scans.len()),
+            "register all scans of the scene, or name the benchmark of this scene",
+        ));
+    }
+    let relative = |i: ScanId, j: ScanId| reconstruction.relative(numbered[&i.0], numbered[&j.0]);
+    registration_recall(&benchmark.pairs, relative, config)
+}
+
+fn trailing_number(name: &str) -> Option<usize> {
+    let digits = name.bytes().rev().take_while(u8::is_ascii_digit).count();
+    name[name.len() - digits..].parse().ok()
+}
+
+fn print(report: &Report, deviation: f64) -> anyhow::Result<()> {
+    let p = &report.poses;
+    let components = if p.components == 1 { "component" } else { "components" };
+    terminal::print_line(&format!(
+        "placed     {} of {} scans, {} {components}",
+        p.placed, p.total, p.components
+    ))?;
+    if !report.declined.is_empty() {
+        terminal::print_line(&format!("declined   {}", report.declined.join(", ")))?;
+    }
+    if deviation > 1e-5 {
+        terminal::print_line(&format!(
+            "truth      rotations up to {deviation:.1e} from orthonormal, replaced by the nearest rotations"
+        ))?;
+    }
+    let s = &p.pair_summary;
+    terminal::print_line(&format!(
+        "pairs      {} within components: rotation median {:.2}°, largest {:.2}°; translation median {}, largest {}",
+        p.pairs.len(),
+        s.median_rotation_deg,
+        s.max_rotation_deg,
+        metres(s.median_translation_m),
+        metres(s.max_translation_m)
+    ))?;
+    for (folder, r) in &report.benchmarks {
+        let recall = r.recall().map_or("no counted pair".to_owned(), |v| format!("{:.1} %", 100.0 * v));
+        terminal::print_line(&format!(
+            "recall     {recall} ({} of {} pairs, {} with a declined scan, {} without information)  {folder}",
+            r.succeeded,
+            r.counted,
+            r.declined.len(),
+            r.zero_information
+        ))?;
+    }
+    Ok(())
+}
+
+fn metres(value: f64) -> String {
+    if value < 0.01 { format!("{:.2} mm", 1000.0 * value) } else { format!("{value:.3} m") }
+}
