@@ -221,7 +221,7 @@ mod tests {
         let layer = config.init(&device);
         let x = Tensor::from_data(TensorData::new(vec![0.0f32, 0.0, 1.0, 0.0], [2, 2]), &device);
         let out = layer.forward(x);
-        let grads = (out.clone() * out).slice([0..1]).sum().backward();
+        let grads = (out.clone() * out).slice(0..1).sum().backward();
         let grad = values(layer.weight.val().grad(&grads).expect("the weight takes part"));
         assert!(grad.iter().all(|g| g.is_finite()), "{grad:?}");
         assert!(grad.iter().any(|g| *g != 0.0), "{grad:?}");
