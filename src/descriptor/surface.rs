@@ -68,7 +68,7 @@ mod tests {
     fn sphere(n: usize) -> Vec<Point> {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut draw = || Vector3::from_fn(|_, _| rng.random_range(-1.0f32..1.0));
-        std::iter::repeat_with(|| draw())
+        std::iter::repeat_with(&mut draw)
             .filter(|v| (0.1..1.0).contains(&v.norm()))
             .map(|v| Point::from(v.normalize()))
             .take(n)
