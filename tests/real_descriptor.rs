@@ -33,7 +33,9 @@ fn ascii_ply(path: PathBuf) -> PointCloud {
         let v: Vec<f32> = line.split_whitespace().take(3).map(|v| v.parse().expect("number")).collect();
         Point::new(v[0], v[1], v[2])
     };
-    PointCloud::from_points(body.lines().skip(1).take(count.trim().parse().expect("count")).map(row).collect())
+    PointCloud::from_points(
+        body.lines().skip(1).take(count.trim().parse().expect("count")).map(row).collect(),
+    )
 }
 
 fn voxel_of(clouds: &[PointCloud], what: &str) -> f64 {
