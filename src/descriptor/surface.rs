@@ -102,7 +102,7 @@ mod tests {
             let mean = points.iter().map(|p| p.coords.cast::<f64>()).sum::<Vector3<f64>>() / 31.0;
             let centred = nalgebra::Matrix3xX::from_fn(31, |r, c| f64::from(points[c][r]) - mean[r]);
             let svd = centred.svd(true, false);
-            let expected = svd.u.unwrap().column(svd.singular_values.imin()).cast::<f32>();
+            let expected = svd.u.unwrap().column(svd.singular_values.imin()).into_owned().cast::<f32>();
             let found = normals(&points, &Point::origin(), 10.0)[30];
             assert!(found.dot(&expected).abs() > 0.99999, "{found} {expected}");
         }
