@@ -178,7 +178,7 @@ fn mutual_matches(a: &Features, b: &Features) -> Vec<(usize, usize)> {
             }
         }
     }
-    (0..a.len()).filter(|&i| b.len() > 0 && to_a[to_b[i].1].1 == i).map(|i| (i, to_b[i].1)).collect()
+    (0..a.len()).filter(|&i| !b.is_empty() && to_a[to_b[i].1].1 == i).map(|i| (i, to_b[i].1)).collect()
 }
 
 /// Up to `limit` pairs of a `gt.log` that are not neighbours in time, evenly picked.

@@ -26,7 +26,7 @@ fn binary(path: PathBuf, end: &str, stride: usize) -> PointCloud {
 
 fn ascii_ply(path: PathBuf) -> PointCloud {
     let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-    // Some of these files end their header lines with a blank.
+    // Some of these files end their lines with a carriage return too.
     let (header, body) = text.split_once("end_header").expect("header");
     let count = header.lines().find_map(|l| l.strip_prefix("element vertex ")).expect("count");
     let row = |line: &str| {

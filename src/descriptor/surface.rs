@@ -68,7 +68,7 @@ mod tests {
     fn sphere(n: usize) -> Vec<Point> {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut draw = || Vector3::from_fn(|_, _| rng.random_range(-1.0f32..1.0));
-        std::iter::repeat_with(|| draw())
+        std::iter::repeat_with(&mut draw)
             .filter(|v| (0.1..1.0).contains(&v.norm()))
             .map(|v| Point::from(v.normalize()))
             .take(n)
@@ -87,6 +87,25 @@ mod tests {
         let seen = normals(&points, &outside, 0.1);
         let at = points.iter().position(|p| p.z > 0.99).unwrap();
         assert!(seen[at].z > 0.98);
+    }
+
+    #[test]
+    fn a_point_off_its_neighbours_gets_their_normal() {
+        // The axis of least spread about the mean, by the SVD of the centred coordinates.
+        // The queried point lies aside: spread about the point itself has another axis.
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        for _ in 0..50 {
+            let size = Vector3::new(1.0f32, 0.7, 0.3);
+            let mut draw = || Vector3::from_fn(|axis, _| 3.0 + size[axis] * rng.random_range(-1.0f32..1.0));
+            let mut points: Vec<Point> = (0..30).map(|_| Point::from(draw())).collect();
+            points.push(Point::new(3.0, 3.3, 3.9));
+            let mean = points.iter().map(|p| p.coords.cast::<f64>()).sum::<Vector3<f64>>() / 31.0;
+            let centred = nalgebra::Matrix3xX::from_fn(31, |r, c| f64::from(points[c][r]) - mean[r]);
+            let svd = centred.svd(true, false);
+            let expected = svd.u.unwrap().column(svd.singular_values.imin()).into_owned().cast::<f32>();
+            let found = normals(&points, &Point::origin(), 10.0)[30];
+            assert!(found.dot(&expected).abs() > 0.99999, "{found} {expected}");
+        }
     }
 
     #[test]
