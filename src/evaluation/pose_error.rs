@@ -320,6 +320,7 @@ mod tests {
             matches: 0,
             inliers: 0,
             residual_m: 0.0,
+            support: None,
             neighbours: Vec::new(),
         })
     }

@@ -120,8 +120,7 @@ fn expand(pattern: &Path, base: &Path, input: &str) -> Result<Vec<PathBuf>> {
             "correct the pattern",
         )
     })?;
-    let files = matches
-        .map(|m| m.map_err(|e| Error::read(e.path().to_path_buf(), std::io::Error::from(e.error().kind()))));
+    let files = matches.map(|m| m.map_err(|e| Error::read(e.path(), std::io::Error::from(e.error().kind()))));
     let files: Vec<PathBuf> = files.collect::<Result<_>>()?;
     let wanted = |p: &PathBuf| {
         p.is_file() && (is_cloud(p) || is_array(p) || is_depth(p) || has_extension(p, &["txt"]))

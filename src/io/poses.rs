@@ -289,8 +289,7 @@ pub fn read_tum(path: impl AsRef<Path>) -> Result<Repaired<Vec<(f64, RigidMotion
 fn motion_from_quaternion(t: &[f64], q: &[f64]) -> Option<(RigidMotion, f64)> {
     let q = Quaternion::new(*q.get(3)?, q[0], q[1], q[2]);
     let off = (q.norm() - 1.0).abs();
-    // Written so that NaN fails.
-    if !(off <= ORTHONORMAL_TOLERANCE) || t.iter().any(|v| !v.is_finite()) {
+    if off.is_nan() || off > ORTHONORMAL_TOLERANCE || t.iter().any(|v| !v.is_finite()) {
         return None;
     }
     let rotation = UnitQuaternion::from_quaternion(q);

@@ -148,6 +148,7 @@ fn principal_extents_m(points: &[Point]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Direction;
     use approx::assert_relative_eq;
 
     /// A 2 m square at z = 0, every 5 cm, normals up.

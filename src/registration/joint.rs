@@ -167,7 +167,7 @@ fn gauss_newton_step(
                 let mut block = matrix.fixed_view_mut::<6, 6>(at, at);
                 block += &term.information;
                 let mut part = right.fixed_rows_mut::<6>(at);
-                part -= &term.gradient * sign;
+                part -= term.gradient * sign;
             }
         }
         if i > 0 {

@@ -63,12 +63,12 @@ impl Columns {
         let mut packed = vec![0.0; groups * dim * LANES];
         // Padding columns are infinitely far away.
         let mut half_norms = vec![f32::INFINITY; groups * LANES];
-        for i in 0..len {
+        for (i, half) in half_norms.iter_mut().enumerate().take(len) {
             let (group, lane) = (i / LANES, i % LANES);
             for (d, &v) in descriptors.row(i).iter().enumerate() {
                 packed[(group * dim + d) * LANES + lane] = v;
             }
-            half_norms[i] = half_norm(descriptors.row(i));
+            *half = half_norm(descriptors.row(i));
         }
         Self { dim, len, packed, half_norms }
     }
