@@ -169,7 +169,8 @@ mod tests {
             assert_eq!(m.get(i, i), 0.0);
             assert_eq!(m.get(i, 4), 0.0);
             for j in i + 1..5 {
-                let o = two_way_overlap(&clouds[i], &clouds[j], &(poses[i].inverse() * poses[j]), 0.1);
+                let (a, b) = (RadiusGrid::new(&clouds[i], 0.1), RadiusGrid::new(&clouds[j], 0.1));
+                let o = two_way_overlap(&a, &b, &(poses[i].inverse() * poses[j]));
                 // A point on the rim of the radius may round either way: one in 600.
                 assert!((f64::from(m.get(i, j)) - o.ratio).abs() < 2e-3, "{i} {j}");
                 assert_eq!(m.get(i, j), m.get(j, i));

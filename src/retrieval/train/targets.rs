@@ -165,6 +165,7 @@ impl Around {
 mod tests {
     use super::*;
     use crate::geometry::RigidMotion;
+    use crate::geometry::neighbours::RadiusGrid;
     use crate::geometry::overlap::two_way_overlap;
     use crate::retrieval::generator;
     use rand::RngExt;
