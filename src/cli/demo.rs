@@ -6,7 +6,7 @@ use super::result_folder::ResultFolder;
 use super::synth::SceneOptions;
 use super::{Status, Verbosity, outcome, terminal};
 use clap::Args;
-use scanweave::geometry::rigid::{rotation_error_rad, translation_error_m};
+use scanweave::evaluation::pose_error::PoseError;
 use scanweave::pipeline::{self, FeatureSource, Stopwatch};
 use scanweave::report::merged::MergedCloud;
 use scanweave::report::{run, top_view};
@@ -115,10 +115,9 @@ fn compare(set: &SyntheticSet, reconstruction: &Reconstruction) -> Vec<TruthVerd
         let Some(estimate) = reconstruction.relative(ScanId(pivot), ScanId(i)) else {
             return TruthVerdict { error: None, right: false };
         };
-        let degrees = rotation_error_rad(&truth, &estimate).to_degrees();
-        let metres = translation_error_m(&truth, &estimate);
-        let right = degrees <= MAX_ERROR_DEG && metres <= MAX_ERROR_M && set.building[i] == 0;
-        TruthVerdict { error: Some((degrees, metres)), right }
+        let e = PoseError::between(&estimate, &truth);
+        let right = e.rotation_deg <= MAX_ERROR_DEG && e.translation_m <= MAX_ERROR_M && set.building[i] == 0;
+        TruthVerdict { error: Some((e.rotation_deg, e.translation_m)), right }
     };
     (0..set.scans.len()).map(verdict).collect()
 }

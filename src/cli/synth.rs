@@ -4,15 +4,18 @@ use super::options::ThreadOption;
 use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
 use clap::Args;
+use scanweave::evaluation::ground_truth::{overlap_matrix, truth_of_pairs};
+use scanweave::geometry::Point;
 use scanweave::geometry::voxel::voxel_means;
-use scanweave::report::pair_truth::{self, OverlappingPair};
+use scanweave::io::poses::{InfoEntry, LogEntry};
+use scanweave::scan::{PairTruth, SimilarityMatrix};
 use scanweave::synthetic::{self, SynthConfig, SyntheticSet};
 use scanweave::{Error, io};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Points within this of each other overlap, as in the 3DMatch benchmark's successors (metres).
-const OVERLAP_RADIUS_M: f64 = 0.07;
+const OVERLAP_RADIUS_M: f32 = 0.07;
 /// Pairs that overlap by less are not part of the truth, as in 3DLoMatch.
 const MIN_OVERLAP: f64 = 0.1;
 
@@ -81,19 +84,14 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
     let progress = Progress::start(verbosity)?;
     let config = arguments.scene.config();
     let set = synthetic::generate(&config, &progress)?;
-    let thinned: Vec<_> =
-        set.scans.iter().map(|s| voxel_means(&s.cloud.points, OVERLAP_RADIUS_M as f32 * 0.5)).collect();
-    let mut pairs = pair_truth::overlapping_pairs(
-        &thinned,
-        &set.world_from_scan,
-        OVERLAP_RADIUS_M as f32,
-        MIN_OVERLAP,
-        &progress,
-    )?;
+    let overlap = overlaps(&set)?;
+    let views: Vec<&[Point]> = set.scans.iter().map(|s| s.cloud.points.as_slice()).collect();
+    let above = MIN_OVERLAP..f64::INFINITY;
+    let mut pairs = truth_of_pairs(&views, &set.world_from_scan, &overlap, &above, OVERLAP_RADIUS_M)?;
     // Poses in different buildings have nothing to do with each other.
-    pairs.retain(|p| set.building[p.truth.i.0] == set.building[p.truth.j.0]);
+    pairs.retain(|p| set.building[p.i.0] == set.building[p.j.0]);
     write_scans(&clouds, &set)?;
-    write_truth(folder, set.scans.len(), &pairs)?;
+    write_truth(folder, set.scans.len(), &pairs, &overlap)?;
     if !verbosity.quiet {
         let points: usize = set.scans.iter().map(|s| s.cloud.len()).sum();
         terminal::print_line(&format!(
@@ -124,18 +122,25 @@ fn write_scans(folder: &Path, set: &SyntheticSet) -> scanweave::Result<()> {
     Ok(())
 }
 
-fn write_truth(folder: &Path, scans: usize, pairs: &[OverlappingPair]) -> scanweave::Result<()> {
-    let ids = |p: &OverlappingPair| (p.truth.i.0, p.truth.j.0);
-    let log = pairs.iter().map(|p| {
-        let (i, j) = ids(p);
-        io::poses::LogEntry { i, j, n: scans, pose: p.truth.i_from_j }
-    });
-    let info = pairs.iter().filter_map(|p| {
-        let (i, j) = ids(p);
-        Some(io::poses::InfoEntry { i, j, n: scans, information: p.truth.information? })
-    });
+fn overlaps(set: &SyntheticSet) -> scanweave::Result<SimilarityMatrix> {
+    let thinned: Vec<_> =
+        set.scans.iter().map(|s| voxel_means(&s.cloud.points, 0.5 * OVERLAP_RADIUS_M)).collect();
+    let views: Vec<&[Point]> = thinned.iter().map(Vec::as_slice).collect();
+    overlap_matrix(&views, &set.world_from_scan, OVERLAP_RADIUS_M)
+}
+
+fn write_truth(
+    folder: &Path,
+    scans: usize,
+    pairs: &[PairTruth],
+    overlap: &SimilarityMatrix,
+) -> scanweave::Result<()> {
+    let log = pairs.iter().map(|p| LogEntry { i: p.i.0, j: p.j.0, n: scans, pose: p.i_from_j });
+    let info = pairs
+        .iter()
+        .filter_map(|p| Some(InfoEntry { i: p.i.0, j: p.j.0, n: scans, information: p.information? }));
     io::atomic::write(&folder.join("gt_overlap.log"), |out| {
-        pairs.iter().try_for_each(|p| writeln!(out, "{},{},{:.4}", p.truth.i, p.truth.j, p.overlap))
+        pairs.iter().try_for_each(|p| writeln!(out, "{},{},{:.4}", p.i, p.j, overlap.get(p.i.0, p.j.0)))
     })?;
     io::poses::write_info(folder.join("gt.info"), &info.collect::<Vec<_>>())?;
     io::poses::write_log(folder.join("gt.log"), &log.collect::<Vec<_>>())

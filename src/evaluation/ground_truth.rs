@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::geometry::neighbours::RadiusGrid;
+use crate::geometry::overlap::two_way_overlap;
 use crate::geometry::rigid::PointMover;
 use crate::geometry::{Point, RigidMotion};
 use crate::scan::{PairTruth, ScanId, SimilarityMatrix};
@@ -34,25 +35,15 @@ pub fn overlap_matrix(
         ));
     }
     let grids: Vec<RadiusGrid<'_>> = clouds.par_iter().map(|c| RadiusGrid::new(c, radius_m)).collect();
-    let spheres: Vec<(Point, f32)> = clouds.par_iter().map(|c| bounding_sphere(c)).collect();
     let values: Vec<f32> = (0..n * n)
         .into_par_iter()
         .map(|at| {
             let (i, j) = (at / n, at % n);
-            if i >= j || clouds[i].is_empty() || clouds[j].is_empty() {
+            if i >= j {
                 return 0.0;
             }
             let i_from_j = world_from_scan[i].inverse() * world_from_scan[j];
-            let (into_i, into_j) = (PointMover::new(&i_from_j), PointMover::new(&i_from_j.inverse()));
-            let apart = (into_i.point(&spheres[j].0) - spheres[i].0).norm();
-            if apart > spheres[i].1 + spheres[j].1 + 2.0 * radius_m {
-                return 0.0;
-            }
-            let near = |points: &[Point], mover: &PointMover, grid: &RadiusGrid<'_>| {
-                points.iter().filter(|p| grid.any(&mover.point(p))).count()
-            };
-            let count = near(clouds[j], &into_i, &grids[i]) + near(clouds[i], &into_j, &grids[j]);
-            (count as f64 / (clouds[i].len() + clouds[j].len()) as f64) as f32
+            two_way_overlap(&grids[i], &grids[j], &i_from_j).ratio as f32
         })
         .collect();
     // Only the upper half was computed.
@@ -131,18 +122,9 @@ pub fn truth_of_pairs(
     Ok(benchmark_pairs(overlap, overlaps).par_iter().map(truth).collect())
 }
 
-/// Middle of the bounding box and the distance of the farthest point from it.
-fn bounding_sphere(points: &[Point]) -> (Point, f32) {
-    let Some(&first) = points.first() else { return (Point::origin(), 0.0) };
-    let (low, high) = points.iter().fold((first, first), |(l, h), p| (l.inf(p), h.sup(p)));
-    let center = nalgebra::center(&low, &high);
-    (center, points.iter().map(|p| (p - center).norm()).fold(0.0, f32::max))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::overlap::two_way_overlap;
     use nalgebra::Vector3;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;

@@ -80,16 +80,21 @@ pub fn surface_fit(
     }
 }
 
+/// What the logistic model sees of a support, in the order of [`EvidenceWeights::as_array`]:
+/// 1, ln inliers, ln(inliers / inliers of the next hypothesis), normal agreement,
+/// plane residual, overlap.
+///
+/// Fewer than three inliers of the next hypothesis count as three: any three matches
+/// agree on some motion.
+pub fn predictors(support: &Support) -> [f64; 6] {
+    let inliers = support.inliers.max(1) as f64;
+    let lead = inliers / support.runner_up.max(3) as f64;
+    [1.0, inliers.ln(), lead.ln(), support.normal_agreement, support.plane_residual, support.overlap]
+}
+
 /// Probability that a pose with this support is right, by the logistic model of the config.
 pub fn probability(support: &Support, weights: &EvidenceWeights) -> f64 {
-    let inliers = support.inliers.max(1) as f64;
-    let lead = inliers / (support.runner_up.max(3)) as f64;
-    let score = weights.constant
-        + weights.ln_inliers * inliers.ln()
-        + weights.ln_lead * lead.ln()
-        + weights.normal_agreement * support.normal_agreement
-        + weights.plane_residual * support.plane_residual
-        + weights.overlap * support.overlap;
+    let score: f64 = predictors(support).iter().zip(weights.as_array()).map(|(x, w)| x * w).sum();
     1.0 / (1.0 + (-score).exp())
 }
 

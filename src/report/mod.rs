@@ -1,7 +1,6 @@
 //! What a person or another program looks at after a run.
 
 pub mod merged;
-pub mod pair_truth;
 pub mod poses;
 pub mod run;
 pub mod table;
