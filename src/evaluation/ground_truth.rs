@@ -67,7 +67,7 @@ pub fn benchmark_pairs(overlap: &SimilarityMatrix, overlaps: &Range<f64>) -> Vec
         .collect()
 }
 
-/// Λ = Σ GᵀG with G = [I | −[p]×] over points `p` in the frame of scan `i` that have a
+/// Λ = Σ GᵀG with G = `[I | −[p]×]` over points `p` in the frame of scan `i` that have a
 /// counterpart in scan `j` (Choi, Zhou, Koltun 2015).
 ///
 /// This is the convention of the published `gt.info` files: no factor 2 for the half angles of

@@ -14,7 +14,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Reads `keypoints` [n,3] metres, `descriptors` [n,D] and, where it is there, `normals` [n,3] from an NPZ.
+/// Reads `keypoints` `[n,3]` metres, `descriptors` `[n,D]` and, where it is there, `normals` `[n,3]` from an NPZ.
 ///
 /// Descriptors are scaled to unit length. Keypoints are in the scan's own frame,
 /// without the `origin_m` of a georeferenced cloud.
@@ -75,7 +75,7 @@ pub fn write_npz(path: impl AsRef<Path>, features: &Features) -> Result<()> {
 
 /// Reads the features of scan number `index` from a data set laid out as SGHR and IMVR publish it:
 /// `Keypoints/cloud_bin_<i>Keypoints.txt` (one row index of the cloud a line, or points) or `.npy`, and
-/// `<desc_name>_desc/<i>.npy` [n,D].
+/// `<desc_name>_desc/<i>.npy` `[n,D]`.
 ///
 /// `index` is the number in the file names; `cloud` is that scan, as read from `PointCloud/cloud_bin_<i>.ply`.
 ///

@@ -2,24 +2,24 @@
 //!
 //! [`super::incremental`] says when each step happens; this file says how.
 
+mod candidate;
+mod conclusion;
+
+use self::candidate::Candidate;
 use super::config::RegistrationConfig;
-use super::estimate::{Hypothesis, estimate};
 use super::evidence::{self, PlacedSurface};
 use super::incremental::{Lengths, ScanInput};
 use super::joint::{JointScan, refine_jointly};
-use super::matching::{Matches, NearestCache};
+use super::matching::Matches;
 use super::meta_shape::MetaShape;
 use super::nearest::Columns;
 use super::refinement::{Registered, average_observations};
 use crate::error::Result;
 use crate::geometry::RigidMotion;
 use crate::geometry::neighbours::RadiusGrid;
-use crate::geometry::overlap::two_way_overlap;
 use crate::geometry::rigid::PointMover;
 use crate::monitor::Monitor;
-use crate::scan::{
-    DeclineReason, NeighbourEvidence, Outcome, Placement, Reconstruction, ScanId, SimilarityMatrix, Support,
-};
+use crate::scan::{DeclineReason, ScanId, SimilarityMatrix, Support};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -52,13 +52,6 @@ struct Member {
     world_from_scan: RigidMotion,
     /// `None` for the pivot.
     attempt: Option<Attempt>,
-}
-
-/// What is remembered of a candidate between steps.
-struct Candidate {
-    nearest: NearestCache,
-    matches: Matches,
-    hypotheses: Vec<Hypothesis>,
 }
 
 /// State of the registration.
@@ -360,83 +353,5 @@ impl<'a> Growth<'a> {
         }
         self.components.push(std::mem::take(&mut self.members));
         Ok(())
-    }
-
-    /// One outcome a scan; components ordered by size, then by their first scan.
-    pub fn conclude(mut self) -> Reconstruction {
-        let lowest = |c: &[Member]| c.iter().map(|m| m.scan).min();
-        self.components.sort_by_key(|c| (std::cmp::Reverse(c.len()), lowest(c)));
-        let unexplained = DeclineReason::TooFewInliers { inliers: 0, needed: MIN_KEYPOINTS, matches: 0 };
-        let mut outcomes: Vec<Outcome> = std::mem::take(&mut self.refusals)
-            .into_iter()
-            .map(|r| Outcome::Declined(r.unwrap_or_else(|| unexplained.clone())))
-            .collect();
-        for (component, members) in self.components.iter().enumerate() {
-            let neighbours: Vec<Vec<NeighbourEvidence>> =
-                (0..members.len()).into_par_iter().map(|m| self.neighbours(members, m)).collect();
-            for (step, (member, neighbours)) in members.iter().zip(neighbours).enumerate() {
-                let attempt = member.attempt.as_ref();
-                outcomes[member.scan.0] = Outcome::Placed(Placement {
-                    world_from_scan: member.world_from_scan,
-                    component,
-                    step,
-                    parent: attempt.and_then(|a| a.parent),
-                    matches: attempt.map_or(0, |a| a.support.matches),
-                    inliers: attempt.map_or(0, |a| a.support.inliers),
-                    residual_m: attempt.map_or(0.0, |a| a.residual_m),
-                    support: attempt.map(|a| a.support),
-                    neighbours,
-                });
-            }
-        }
-        Reconstruction { outcomes }
-    }
-
-    /// Agreement of one member with all others it touches, at the final poses.
-    fn neighbours(&self, members: &[Member], of: usize) -> Vec<NeighbourEvidence> {
-        const LEAST: f64 = 0.01;
-        let here = &members[of];
-        let mut found: Vec<NeighbourEvidence> = members
-            .iter()
-            .filter(|there| there.scan != here.scan)
-            .filter_map(|there| {
-                let here_from_there = here.world_from_scan.inverse() * there.world_from_scan;
-                let o =
-                    two_way_overlap(&self.grids[here.scan.0], &self.grids[there.scan.0], &here_from_there);
-                (o.ratio >= LEAST).then_some(NeighbourEvidence {
-                    scan: there.scan,
-                    overlap: o.ratio,
-                    residual_m: o.residual_m,
-                })
-            })
-            .collect();
-        found.sort_by_key(|n| n.scan);
-        found
-    }
-}
-
-impl Candidate {
-    fn new(columns: Columns) -> Self {
-        Self { nearest: NearestCache::new(columns), matches: Matches::default(), hypotheses: Vec::new() }
-    }
-
-    /// Brings matches up to date, and the hypotheses where the matches changed.
-    fn update(
-        &mut self,
-        scan: ScanInput<'_>,
-        meta: &MetaShape,
-        config: &RegistrationConfig,
-        radius_m: f32,
-        seed: u64,
-        id: ScanId,
-    ) {
-        self.nearest.update(meta);
-        let matches = self.nearest.mutual(&scan.features.keypoints, meta);
-        if matches != self.matches {
-            // One stream of random numbers a scan: the outcome depends on the matches alone.
-            let seed = seed ^ (id.0 as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-            self.hypotheses = estimate(&matches, &config.estimator, f64::from(radius_m), seed);
-            self.matches = matches;
-        }
     }
 }

@@ -38,7 +38,7 @@ pub struct NetVladConfig {
 }
 
 impl NetVladConfig {
-    /// A layer with centroids drawn from U[0,1], as in the published code.
+    /// A layer with centroids drawn from `U[0,1]`, as in the published code.
     pub fn init(&self, device: &Device) -> NetVlad {
         let mut rng = generator(self.seed, "netvlad centroids", 0);
         let centroids: Vec<f32> =

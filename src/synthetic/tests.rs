@@ -127,33 +127,3 @@ fn unusable_settings_are_named() {
     bad(SynthConfig { scans: 0, ..SynthConfig::default() }, "synthetic.scans");
     SynthConfig::default().validate().unwrap();
 }
-
-/// Prints what the default set looks like and takes; run with `--ignored --nocapture`.
-#[test]
-#[ignore = "for people: prints sizes, overlaps and times of the default set"]
-fn describe_the_default_set() {
-    for seed in 0..4 {
-        let start = std::time::Instant::now();
-        let config = SynthConfig { seed, ..SynthConfig::default() };
-        let site = Site::new(&config, seed, config.rooms, config.scans);
-        let planned = start.elapsed();
-        let set = generate(&config, &Silent).unwrap();
-        eprintln!(
-            "seed {seed}: {} solids, plan {planned:?}, generate {:?}",
-            site.scene().primitives().len(),
-            start.elapsed() - planned
-        );
-        eprintln!("points {:?}", set.walk.iter().map(|s| set.scans[s.0].cloud.len()).collect::<Vec<_>>());
-        for (k, &i) in set.walk.iter().enumerate() {
-            let p = set.world_from_scan[i.0].translation.vector;
-            let row: Vec<String> = set.walk[k + 1..]
-                .iter()
-                .map(|&j| {
-                    let o = overlap(&set, i, j);
-                    format!("{:.2}", o.ratio)
-                })
-                .collect();
-            eprintln!("({:5.2} {:5.2} {:4.2}) {}", p.x, p.y, p.z, row.join(" "));
-        }
-    }
-}

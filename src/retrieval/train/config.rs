@@ -12,7 +12,7 @@ pub enum CentroidStart {
     /// k-means of the training descriptors.
     #[default]
     Kmeans,
-    /// U[0,1], as in the published code.
+    /// `U[0,1]`, as in the published code.
     Uniform,
 }
 

@@ -1,4 +1,6 @@
-//! Speed of the retrieval stage; run with `--ignored --nocapture` on an idle machine.
+//! Prints the speed of the retrieval stage and of a training step; run it on an idle machine.
+//!
+//! Usage: `cargo run --release --example retrieval_speed`
 
 use rand::{RngExt, SeedableRng};
 use scanweave::Silent;
@@ -8,9 +10,12 @@ use scanweave::retrieval::{DescriptorTag, RetrievalConfig, similarity_of};
 use scanweave::scan::{Descriptors, Features};
 use std::time::Instant;
 
-#[test]
-#[ignore = "a measurement"]
-fn sixty_scans_take_well_under_two_seconds() {
+fn main() {
+    similarity_of_sixty_scans();
+    training_steps();
+}
+
+fn similarity_of_sixty_scans() {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
     let features: Vec<Features> = (0..60)
         .map(|_| {
@@ -20,18 +25,14 @@ fn sixty_scans_take_well_under_two_seconds() {
         })
         .collect();
     let start = Instant::now();
-    let (s, _) = similarity_of(&features, &RetrievalConfig::default(), None, 1, &Silent).unwrap();
+    similarity_of(&features, &RetrievalConfig::default(), None, 1, &Silent).unwrap();
     let seconds = start.elapsed().as_secs_f64();
     println!("60 scans x 5000 x 33, k-means and NetVLAD: {seconds:.2} s");
-    assert_eq!(s.len(), 60);
-    assert!(seconds < 2.0);
 }
 
 /// Wall time of a training step and the share spent outside the network, at the real sizes: sixty
 /// scans of 5000 keypoints around a cylindrical room, each covering a quarter of it.
-#[test]
-#[ignore = "a measurement"]
-fn training_steps_are_mostly_network() {
+fn training_steps() {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
     let features: Vec<Features> = (0..60)
         .map(|i| {
@@ -55,5 +56,4 @@ fn training_steps_are_mostly_network() {
     let config = TrainConfig { epochs: 20, ..TrainConfig::default() };
     let report = train(&data, &config, folder.path(), false, &Silent).unwrap();
     println!("{:.0} ms a step, {:.1} % outside the network", report.step_ms, 100.0 * report.outside_share);
-    assert!(report.outside_share < 0.35);
 }
