@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::monitor::Monitor;
 use crate::registration::incremental::{self, Lengths, ScanInput};
 use crate::report::run::StageTime;
-use crate::retrieval::{self, Checkpoint, DescriptorTag, HeadOrigin};
+use crate::retrieval::{self, Checkpoint, DescriptorTag, HeadChoice, HeadOrigin, SimilaritySource, shipped};
 use crate::scan::{Features, PointCloud, Reconstruction, Scan, SimilarityMatrix, Surface};
 use rayon::prelude::*;
 use std::time::Instant;
@@ -171,6 +171,11 @@ pub fn overlap_head(
             Checkpoint::load(path).map(Some)
         }
         Some(path) => Checkpoint::load_for(path, &tag).map(Some),
+        None if config.retrieval.head == HeadChoice::Trained
+            && config.retrieval.source == SimilaritySource::Netvlad =>
+        {
+            shipped::head_for(&tag)
+        }
         None => Ok(None),
     }
 }

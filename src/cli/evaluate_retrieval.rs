@@ -91,8 +91,7 @@ fn scene_rows(
     let source = arguments.cache.as_deref().map_or(FeatureSource::Computed, FeatureSource::Cached);
     let described = pipeline::describe(&scans, config, &source, monitor)?;
     let radius = arguments.overlap_radius as f32;
-    let thinned: Vec<Vec<Point>> =
-        scans.iter().map(|s| voxel_means(&s.cloud.points, 0.5 * radius)).collect();
+    let thinned: Vec<Vec<Point>> = scans.iter().map(|s| voxel_means(&s.cloud.points, 0.5 * radius)).collect();
     let views: Vec<&[Point]> = thinned.iter().map(Vec::as_slice).collect();
     let overlap = overlap_matrix(&views, &truth.value, radius)?;
     ways(arguments, config, &described, monitor)?
@@ -130,7 +129,8 @@ fn ways(
         all.push((name.to_owned(), similarity_of(features, &settings, None, config.seed, monitor)?.0));
     }
     let named = arguments.checkpoints.iter().cloned().map(Some);
-    let asked: Vec<Option<PathBuf>> = if arguments.checkpoints.is_empty() { vec![None] } else { named.collect() };
+    let asked: Vec<Option<PathBuf>> =
+        if arguments.checkpoints.is_empty() { vec![None] } else { named.collect() };
     for checkpoint in asked {
         let mut config = config.clone();
         config.retrieval.checkpoint = checkpoint.or(config.retrieval.checkpoint);

@@ -20,7 +20,10 @@ fn a_recipe_is_read_and_bad_ones_name_the_key() {
 
     let message = |text: &str| recipe(text).unwrap_err().to_string();
     let unknown = message("[[synth]]\nseeds = [1]\n[[synth]]\nroom = 2\n");
-    assert!(unknown.contains("synth[1].room") && unknown.contains("nearest is `synth[1].rooms`"), "{unknown}");
+    assert!(
+        unknown.contains("synth[1].room") && unknown.contains("nearest is `synth[1].rooms`"),
+        "{unknown}"
+    );
     let kind = message("[[rgbd]]\nfolder = 3\n");
     assert!(kind.contains("rgbd[0].folder: found the whole number 3, expected a text"), "{kind}");
     let none = message("[[synth]]\nsplit = \"valid\"\n");
@@ -66,5 +69,7 @@ fn frames_are_fused_in_the_camera_of_the_middle_one() {
     let near = RgbdEntry { max_depth_m: 1.0, ..entry.clone() };
     assert!(fragments::fuse(&near, folder.path(), &Silent).unwrap().scans[0].cloud.is_empty());
     let past = RgbdEntry { first_frame: 4, ..entry };
-    assert!(fragments::fuse(&past, folder.path(), &Silent).err().unwrap().to_string().contains("of 4 frames"));
+    assert!(
+        fragments::fuse(&past, folder.path(), &Silent).err().unwrap().to_string().contains("of 4 frames")
+    );
 }
