@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::monitor::Monitor;
 use crate::registration::incremental::{self, Lengths, ScanInput};
 use crate::report::run::StageTime;
-use crate::retrieval::{self, Checkpoint, DescriptorTag, HeadOrigin};
+use crate::retrieval::{self, Checkpoint, DescriptorTag, HeadChoice, HeadOrigin, SimilaritySource, shipped};
 use crate::scan::{Features, PointCloud, Reconstruction, Scan, SimilarityMatrix, Surface};
 use rayon::prelude::*;
 use std::time::Instant;
@@ -52,14 +52,10 @@ pub fn run(
     check_scans(scans)?;
     config.validate()?;
     let mut clock = Stopwatch::default();
-    let clouds: Vec<&PointCloud> = scans.iter().map(|s| &s.cloud).collect();
-    let choice = clock.time("scale", || scale::choose(&config.scale, &clouds))?;
-    let scale = choice.scale;
-    let surfaces = clock.time("surfaces", || thin(scans, &scale, monitor))?;
-    let (features, reused) =
-        clock.time("features", || features::of_scans(scans, &surfaces, &scale, config, source, monitor))?;
+    let described = describe_timed(scans, config, source, monitor, &mut clock)?;
+    let Described { scale, warnings, surfaces, features, reused } = described;
     let (similarity, head) = clock.time("similarity", || {
-        let checkpoint = checkpoint(config, &scale, &features)?;
+        let checkpoint = overlap_head(config, &scale, &features)?;
         retrieval::similarity_of(&features, &config.retrieval, checkpoint.as_ref(), config.seed, monitor)
     })?;
     let reconstruction = clock.time("registration", || {
@@ -70,7 +66,7 @@ pub fn run(
     })?;
     Ok(Run {
         scale,
-        warnings: choice.warnings,
+        warnings,
         surfaces,
         features,
         reused,
@@ -79,6 +75,50 @@ pub fn run(
         reconstruction,
         timings: clock.stages,
     })
+}
+
+/// Scans as the stages before retrieval leave them, in the order of the scans.
+#[derive(Debug)]
+pub struct Described {
+    /// Lengths they were worked at.
+    pub scale: WorkingScale,
+    /// Scans these lengths may not suit.
+    pub warnings: Vec<ScaleWarning>,
+    /// Thinned scans with normals.
+    pub surfaces: Vec<Surface>,
+    /// Keypoints and descriptors.
+    pub features: Vec<Features>,
+    /// Whether a scan's features were read instead of computed.
+    pub reused: Vec<bool>,
+}
+
+/// The first stages of [`run`]: scale → surfaces → features.
+///
+/// # Errors
+/// Unusable scans, settings or features, or the user asked to stop.
+pub fn describe(
+    scans: &[Scan],
+    config: &Config,
+    source: &FeatureSource<'_>,
+    monitor: &dyn Monitor,
+) -> Result<Described> {
+    describe_timed(scans, config, source, monitor, &mut Stopwatch::default())
+}
+
+fn describe_timed(
+    scans: &[Scan],
+    config: &Config,
+    source: &FeatureSource<'_>,
+    monitor: &dyn Monitor,
+    clock: &mut Stopwatch,
+) -> Result<Described> {
+    let clouds: Vec<&PointCloud> = scans.iter().map(|s| &s.cloud).collect();
+    let choice = clock.time("scale", || scale::choose(&config.scale, &clouds))?;
+    let scale = choice.scale;
+    let surfaces = clock.time("surfaces", || thin(scans, &scale, monitor))?;
+    let (features, reused) =
+        clock.time("features", || features::of_scans(scans, &surfaces, &scale, config, source, monitor))?;
+    Ok(Described { scale, warnings: choice.warnings, surfaces, features, reused })
 }
 
 fn check_scans(scans: &[Scan]) -> Result<()> {
@@ -108,17 +148,36 @@ fn thin(scans: &[Scan], scale: &WorkingScale, monitor: &dyn Monitor) -> Result<V
     surfaces.into_iter().collect()
 }
 
-/// The trained head that the settings name, if it fits these features.
-fn checkpoint(config: &Config, scale: &WorkingScale, features: &[Features]) -> Result<Option<Checkpoint>> {
-    let Some(path) = &config.retrieval.checkpoint else { return Ok(None) };
-    let Some(dim) = features.iter().map(|f| f.descriptors.dim()).find(|&d| d > 0) else { return Ok(None) };
-    if config.descriptor.kind == DescriptorKind::Precomputed {
-        // Files do not say which descriptor they hold; the dimension is checked where it is used.
-        return Checkpoint::load(path).map(Some);
-    }
+/// What the descriptors of `features` mean; `None` when there is none.
+pub fn descriptor_tag(config: &Config, scale: &WorkingScale, features: &[Features]) -> Option<DescriptorTag> {
+    let dim = features.iter().map(|f| f.descriptors.dim()).find(|&d| d > 0)?;
     let name = config.descriptor.descriptor_name().to_owned();
-    let tag = DescriptorTag { name, dim, settings_hash: config.descriptor.settings_hash(scale) };
-    Checkpoint::load_for(path, &tag).map(Some)
+    Some(DescriptorTag { name, dim, settings_hash: config.descriptor.settings_hash(scale) })
+}
+
+/// The trained head that the settings ask for, if it fits these features.
+///
+/// # Errors
+/// When the checkpoint that is named cannot be read or belongs to another descriptor.
+pub fn overlap_head(
+    config: &Config,
+    scale: &WorkingScale,
+    features: &[Features],
+) -> Result<Option<Checkpoint>> {
+    let Some(tag) = descriptor_tag(config, scale, features) else { return Ok(None) };
+    match &config.retrieval.checkpoint {
+        // Files do not say which descriptor they hold; the dimension is checked where it is used.
+        Some(path) if config.descriptor.kind == DescriptorKind::Precomputed => {
+            Checkpoint::load(path).map(Some)
+        }
+        Some(path) => Checkpoint::load_for(path, &tag).map(Some),
+        None if config.retrieval.head == HeadChoice::Trained
+            && config.retrieval.source == SimilaritySource::Netvlad =>
+        {
+            shipped::head_for(&tag)
+        }
+        None => Ok(None),
+    }
 }
 
 /// Times stages.

@@ -5,6 +5,8 @@ mod completions;
 mod config;
 mod demo;
 mod evaluate;
+mod evaluate_retrieval;
+mod import_weights;
 mod interrupt;
 pub mod logging;
 mod man;
@@ -16,6 +18,7 @@ mod result_folder;
 mod status;
 mod synth;
 pub mod terminal;
+mod train;
 
 pub use status::Status;
 
@@ -51,6 +54,9 @@ enum Command {
     Register(register::Arguments),
     Demo(demo::Arguments),
     Evaluate(evaluate::Arguments),
+    EvaluateRetrieval(evaluate_retrieval::Arguments),
+    Train(train::Arguments),
+    ImportWeights(import_weights::Arguments),
     Synth(synth::Arguments),
     Config(config::Arguments),
     Completions(completions::Arguments),
@@ -63,6 +69,9 @@ pub fn run(cli: Cli) -> anyhow::Result<Status> {
         Command::Register(arguments) => register::run(arguments, &cli.verbosity),
         Command::Demo(arguments) => demo::run(arguments, &cli.verbosity),
         Command::Evaluate(arguments) => evaluate::run(arguments, &cli.verbosity),
+        Command::EvaluateRetrieval(arguments) => evaluate_retrieval::run(arguments, &cli.verbosity),
+        Command::Train(arguments) => train::run(arguments, &cli.verbosity),
+        Command::ImportWeights(arguments) => import_weights::run(&arguments, &cli.verbosity),
         Command::Synth(arguments) => synth::run(arguments, &cli.verbosity),
         Command::Config(arguments) => config::run(arguments),
         Command::Completions(arguments) => completions::run(&arguments),

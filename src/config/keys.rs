@@ -45,18 +45,31 @@ impl Keys {
                 Value::Table(inner) if !properties(child).is_empty() => {
                     self.check_table(child, source, &path, inner)?;
                 }
-                _ if accepts(child, value) => {}
-                _ => {
-                    return Err(Error::setting(
-                        format!("{source}: {path}"),
-                        describe(value),
-                        expectation(child),
-                        "correct the value; `scanweave config` prints every setting",
-                    ));
+                // A list of tables: every one has the keys of the items.
+                Value::Array(items) if child.get("items").is_some_and(|s| !properties(s).is_empty()) => {
+                    let schema = &child["items"];
+                    for (at, item) in items.iter().enumerate() {
+                        let path = format!("{path}[{at}]");
+                        match item {
+                            Value::Table(inner) => self.check_table(schema, source, &path, inner)?,
+                            other => return Err(self.misfit(source, &path, other, schema)),
+                        }
+                    }
                 }
+                _ if accepts(child, value) => {}
+                _ => return Err(self.misfit(source, &path, value, child)),
             }
         }
         Ok(())
+    }
+
+    fn misfit(&self, source: &str, path: &str, value: &Value, schema: &Json) -> Error {
+        Error::setting(
+            format!("{source}: {path}"),
+            describe(value),
+            expectation(schema),
+            "correct the value; `scanweave config` prints every setting",
+        )
     }
 
     /// The error for a key nobody knows, with the most similar one that exists.

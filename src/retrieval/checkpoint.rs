@@ -181,14 +181,22 @@ impl Checkpoint {
     /// format version.
     pub fn load(path: &Path) -> Result<Self> {
         let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
+        Self::from_bytes(path, &bytes)
+    }
+
+    /// [`load`](Self::load) from the content of a file; `path` is for messages only.
+    ///
+    /// # Errors
+    /// As [`load`](Self::load), but for reading.
+    pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Self> {
         let broken = |found: String| {
             Error::file(path, found, format!("a complete head checkpoint of format {FORMAT_VERSION}"), REMEDY)
         };
         let foreign = |e: safetensors::SafeTensorError| {
             broken(format!("{} bytes that are not a whole safetensors file ({e})", bytes.len()))
         };
-        let (_, header) = SafeTensors::read_metadata(&bytes).map_err(foreign)?;
-        let file = SafeTensors::deserialize(&bytes).map_err(foreign)?;
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(foreign)?;
+        let file = SafeTensors::deserialize(bytes).map_err(foreign)?;
         let json = header
             .metadata()
             .as_ref()

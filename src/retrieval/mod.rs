@@ -12,6 +12,7 @@ pub mod import;
 pub mod kmeans;
 pub mod netvlad;
 pub mod scores;
+pub mod shipped;
 pub mod similarity;
 pub mod train;
 
@@ -45,21 +46,35 @@ pub enum SimilaritySource {
     Mean,
 }
 
+/// Whether a trained head predicts the overlap.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum HeadChoice {
+    /// The checkpoint that is named; where none is, the one that comes with the program if it fits
+    /// the pooling and the descriptors, and otherwise as `untrained`.
+    #[default]
+    Trained,
+    /// Set up from the scans at hand: NetVLAD by k-means of their descriptors.
+    Untrained,
+}
+
 /// Settings of the retrieval stage.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct RetrievalConfig {
     /// Pooling of the global feature. A checkpoint must hold the same kind.
     pub source: SimilaritySource,
-    /// File of a trained head; without one the head is set up from the scans at hand.
+    /// Whether a trained head is used.
+    pub head: HeadChoice,
+    /// File of a trained head, in place of the one that comes with the program.
     pub checkpoint: Option<PathBuf>,
-    /// NetVLAD clusters K, where no checkpoint is given.
+    /// NetVLAD clusters K, of an untrained head.
     pub clusters: usize,
-    /// NetVLAD sharpness α of the assignment, where no checkpoint is given.
+    /// NetVLAD sharpness α of the assignment, of an untrained head.
     pub alpha: f32,
-    /// NetVLAD rule for the assignment's bias, where no checkpoint is given.
+    /// NetVLAD rule for the assignment's bias, of an untrained head.
     pub bias: BiasRule,
-    /// GeM exponent p, where no checkpoint is given.
+    /// GeM exponent p, of an untrained head.
     pub gem_power: f32,
     /// Most descriptors that k-means looks at.
     pub kmeans_sample: usize,
@@ -75,6 +90,7 @@ impl Default for RetrievalConfig {
     fn default() -> Self {
         Self {
             source: SimilaritySource::Netvlad,
+            head: HeadChoice::Trained,
             checkpoint: None,
             clusters: 64,
             alpha: 10.0,
@@ -98,6 +114,14 @@ impl RetrievalConfig {
             let key = format!("retrieval.{key}");
             if ok { Ok(()) } else { Err(Error::setting(key, found, expected, "correct the config")) }
         };
+        if let Some(path) = self.checkpoint.as_ref().filter(|_| self.head == HeadChoice::Untrained) {
+            return Err(Error::setting(
+                "retrieval.head",
+                format!("untrained, with the checkpoint {}", path.display()),
+                "one of the two",
+                "leave out retrieval.checkpoint, or set retrieval.head to \"trained\"",
+            ));
+        }
         let positive = "a finite number above 0";
         let above = |v: f32| v.is_finite() && v > 0.0;
         check((1..=4096).contains(&self.clusters), "clusters", self.clusters.to_string(), "1 to 4096")?;

@@ -1,0 +1,129 @@
+//! `scanweave train`.
+
+use super::options::ThreadOption;
+use super::progress::Progress;
+use super::{Status, Verbosity, terminal};
+use clap::Args;
+use scanweave::pipeline::FeatureSource;
+use scanweave::retrieval::scores::RetrievalScores;
+use scanweave::retrieval::train::{Record, TrainReport, train};
+use scanweave::training::{self, Recipe};
+use scanweave::{Error, io};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Train an overlap head on posed scans.
+///
+/// The recipe names settings and data: folders of posed scans, walks with a depth camera, and
+/// synthetic buildings. Writes best.safetensors (for --checkpoint of `register`) and
+/// last.safetensors (after every epoch, for --resume), metrics.jsonl, curves.svg and recipe.toml
+/// into the output folder, and keeps features in its cache/. Stopped at any moment, the last
+/// complete checkpoint is intact.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Recipe (TOML); an unknown key is an error.
+    #[arg(long, value_name = "FILE")]
+    config: PathBuf,
+    /// Folder for the run.
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Go on from the last checkpoint in the output folder.
+    #[arg(long, conflicts_with = "force")]
+    resume: bool,
+    /// Replace the run that the output folder already holds.
+    #[arg(long)]
+    force: bool,
+    /// Where relative folders of the recipe lie. Default: the folder of the recipe.
+    #[arg(long, value_name = "DIR")]
+    data_root: Option<PathBuf>,
+    /// Where features are kept, to share them between runs. Default: cache/ in the output folder.
+    #[arg(long, value_name = "DIR")]
+    cache: Option<PathBuf>,
+    #[command(flatten)]
+    threads: ThreadOption,
+}
+
+/// What a run leaves in its folder.
+const FILES: [&str; 4] = ["best.safetensors", "last.safetensors", "metrics.jsonl", "curves.svg"];
+
+pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    let recipe = Recipe::load(&arguments.config)?;
+    open(&arguments)?;
+    arguments.threads.start()?;
+    let progress = Progress::start(verbosity)?;
+    let beside = arguments.config.parent().unwrap_or(Path::new(""));
+    let root = arguments.data_root.as_deref().unwrap_or(beside);
+    let cache = arguments.cache.clone().unwrap_or_else(|| arguments.output.join("cache"));
+    let data = training::load(&recipe, root, &FeatureSource::Cached(&cache), &progress)?;
+    let text = recipe.to_toml()?;
+    io::atomic::write(&arguments.output.join("recipe.toml"), |out| out.write_all(text.as_bytes()))?;
+    if arguments.force {
+        remove_old_run(&arguments.output)?;
+    }
+    let report = train(&data, &recipe.train, &arguments.output, arguments.resume, &progress)?;
+    if !verbosity.quiet {
+        print(&report, recipe.train.recall_k)?;
+    }
+    Ok(Status::Success)
+}
+
+/// Makes the folder, and refuses it before hours are spent on features.
+fn open(arguments: &Arguments) -> Result<(), Error> {
+    let folder = &arguments.output;
+    let held = FILES[..2].iter().any(|name| folder.join(name).exists());
+    if held && !arguments.resume && !arguments.force {
+        return Err(Error::OutputExists { path: folder.clone() });
+    }
+    if arguments.resume && !folder.join(FILES[1]).exists() {
+        return Err(Error::file(
+            folder.join(FILES[1]),
+            "no such file",
+            "the checkpoint of a run to go on from",
+            "name the folder of that run, or start one without --resume",
+        ));
+    }
+    std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+    tempfile::tempfile_in(folder).map(drop).map_err(|e| Error::write(folder, e))
+}
+
+fn remove_old_run(folder: &Path) -> Result<(), Error> {
+    FILES.iter().map(|name| folder.join(name)).try_for_each(|path| match std::fs::remove_file(&path) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::write(path, e)),
+        _ => Ok(()),
+    })
+}
+
+fn print(report: &TrainReport, k: usize) -> Result<(), Error> {
+    let mut rows: Vec<(String, RetrievalScores)> = Vec::new();
+    let mut best: Option<(usize, RetrievalScores)> = None;
+    for record in &report.records {
+        match record {
+            Record::Baseline { name, validation } => rows.push((name.clone(), validation.mean)),
+            Record::Epoch { epoch, validation: Some(v), .. }
+                if best.is_none_or(|(_, b)| v.mean.spearman > b.spearman) =>
+            {
+                best = Some((*epoch, v.mean));
+            }
+            Record::Epoch { .. } => {}
+        }
+    }
+    rows.extend(best.map(|(epoch, scores)| (format!("trained, epoch {epoch}"), scores)));
+    if !rows.is_empty() {
+        let head = format!("recall@{k} of overlap");
+        terminal::print_line(&format!("{:<22} {:>8} {:>8}  {head}", "validation scenes", "Spearman", "MAE"))?;
+        terminal::print_line(&format!("{:<22} {:>8} {:>8}  {:>8} {:>8}", "", "", "", "> 0.3", "> 0.1"))?;
+        for (name, s) in &rows {
+            terminal::print_line(&format!(
+                "{name:<22} {:>8.3} {:>8.3}  {:>8.3} {:>8.3}",
+                s.spearman, s.mae, s.recall_overlap_30, s.recall_overlap_10
+            ))?;
+        }
+    }
+    terminal::print_line(&format!(
+        "steps    {} of {:.0} ms, {:.1} % of it outside the network",
+        report.steps,
+        report.step_ms,
+        100.0 * report.outside_share
+    ))?;
+    terminal::print_line(&format!("written  {}", report.best.display()))
+}
