@@ -24,7 +24,8 @@ fn the_shipped_head_predicts_overlap_better_than_untrained_ones() {
     assert_eq!(trained["way"], "trained checkpoint netvlad-fpfh");
     assert_eq!(untrained.len(), 4);
     for other in untrained {
-        for (score, margin) in [("recall_overlap_30", 0.05), ("recall_overlap_10", 0.05), ("spearman", 0.05)] {
+        for (score, margin) in [("recall_overlap_30", 0.05), ("recall_overlap_10", 0.05), ("spearman", 0.05)]
+        {
             let (a, b) = (trained[score].as_f64().unwrap(), other[score].as_f64().unwrap());
             assert!(a > b + margin, "{score}: {a} against {b} of {}", other["way"]);
         }
