@@ -12,7 +12,7 @@ fn the_shipped_head_predicts_overlap_better_than_untrained_ones() {
         eprintln!("SCANWEAVE_DATA is not set: the shipped head is not compared on real scans");
         return;
     };
-    let scene = Path::new(&data).join("3dmatch/sun3d-hotel_umd-maryland_hotel3");
+    let scene = Path::new(&data).join("3dmatch/sun3d-hotel_umd-maryland_hotel1");
     let output = cli_common::scanweave()
         .args(["evaluate-retrieval", "--json", "--set", "descriptor.keypoints.count=2000"])
         .arg(scene)
@@ -24,7 +24,7 @@ fn the_shipped_head_predicts_overlap_better_than_untrained_ones() {
     assert_eq!(trained["way"], "trained checkpoint netvlad-fpfh");
     assert_eq!(untrained.len(), 4);
     for other in untrained {
-        for (score, margin) in [("recall_overlap_30", 0.05), ("recall_overlap_10", 0.05), ("spearman", 0.05)]
+        for (score, margin) in [("recall_overlap_30", 0.06), ("recall_overlap_10", 0.08), ("spearman", 0.08)]
         {
             let (a, b) = (trained[score].as_f64().unwrap(), other[score].as_f64().unwrap());
             assert!(a > b + margin, "{score}: {a} against {b} of {}", other["way"]);
