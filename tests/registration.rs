@@ -82,14 +82,13 @@ impl World {
         SimilarityMatrix::new(n, vec![0.5; n * n]).unwrap()
     }
 
+    fn inputs(&self) -> Vec<ScanInput<'_>> {
+        let pairs = self.features.iter().zip(&self.surfaces);
+        pairs.map(|(features, surface)| ScanInput { features, surface }).collect()
+    }
+
     fn register(&self, config: &RegistrationConfig, seed: u64) -> Reconstruction {
-        let inputs: Vec<ScanInput<'_>> = self
-            .features
-            .iter()
-            .zip(&self.surfaces)
-            .map(|(features, surface)| ScanInput { features, surface })
-            .collect();
-        register(&inputs, &self.flat_similarity(), config, LENGTHS, seed, &Silent).unwrap()
+        register(&self.inputs(), &self.flat_similarity(), config, LENGTHS, seed, &Silent).unwrap()
     }
 
     fn assert_relative_poses(&self, result: &Reconstruction, scans: std::ops::Range<usize>) {
@@ -242,12 +241,7 @@ fn a_cancelled_run_says_where_it_stopped() {
     }
     let mut world = World::empty();
     world.add_strip(3, 1);
-    let inputs: Vec<ScanInput<'_>> = world
-        .features
-        .iter()
-        .zip(&world.surfaces)
-        .map(|(features, surface)| ScanInput { features, surface })
-        .collect();
+    let inputs = world.inputs();
     let config = RegistrationConfig::default();
     let stopped = register(&inputs, &world.flat_similarity(), &config, LENGTHS, 7, &Stop);
     assert_eq!(
@@ -267,12 +261,7 @@ fn features_of_different_dimension_are_refused() {
         Descriptors::new(3, [1.0, 0.0, 0.0].repeat(n)).unwrap(),
     )
     .unwrap();
-    let inputs: Vec<ScanInput<'_>> = world
-        .features
-        .iter()
-        .zip(&world.surfaces)
-        .map(|(features, surface)| ScanInput { features, surface })
-        .collect();
+    let inputs = world.inputs();
     let config = RegistrationConfig::default();
     let refused = register(&inputs, &world.flat_similarity(), &config, LENGTHS, 7, &Silent);
     assert_eq!(

@@ -2,6 +2,7 @@
 
 use super::mean;
 use crate::error::{Error, Result};
+pub use crate::retrieval::scores::spearman;
 use crate::scan::SimilarityMatrix;
 use serde::Serialize;
 
@@ -69,35 +70,6 @@ pub fn retrieval_scores(
         mean_absolute_error: mean(&differences),
         overlapping_pairs,
     })
-}
-
-/// Spearman's rank correlation: Pearson's of the ranks, equal values sharing their mean rank.
-/// `None` when the lengths differ, there are fewer than two values, or one side is constant.
-pub fn spearman(a: &[f64], b: &[f64]) -> Option<f64> {
-    if a.len() != b.len() || a.len() < 2 {
-        return None;
-    }
-    let (ra, rb) = (ranks(a), ranks(b));
-    // Ranks 0..n−1 sum up to n(n−1)/2 with or without ties.
-    let middle = 0.5 * (a.len() as f64 - 1.0);
-    let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| (x - middle) * (y - middle)).sum::<f64>();
-    let scale = (dot(&ra, &ra) * dot(&rb, &rb)).sqrt();
-    (scale > 0.0).then(|| dot(&ra, &rb) / scale)
-}
-
-fn ranks(values: &[f64]) -> Vec<f64> {
-    let mut order: Vec<usize> = (0..values.len()).collect();
-    order.sort_by(|&i, &j| values[i].total_cmp(&values[j]));
-    let mut ranks = vec![0.0; values.len()];
-    let mut before = 0.0;
-    for group in order.chunk_by(|&i, &j| values[i] == values[j]) {
-        let size = group.len() as f64;
-        for &i in group {
-            ranks[i] = before + 0.5 * (size - 1.0);
-        }
-        before += size;
-    }
-    ranks
 }
 
 #[cfg(test)]

@@ -164,7 +164,7 @@ impl Default for EvidenceConfig {
             min_inliers: 6,
             surfaces: true,
             hypotheses: 3,
-            accept: 0.5,
+            accept: 0.8,
             confident: 0.95,
             weights: EvidenceWeights::default(),
         }

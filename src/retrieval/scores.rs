@@ -39,7 +39,7 @@ impl RetrievalScores {
         let gap: f64 = predicted.iter().zip(&truth).map(|(p, t)| (p - t).abs()).sum();
         Ok(Self {
             mae: gap / predicted.len().max(1) as f64,
-            spearman: spearman(&predicted, &truth),
+            spearman: spearman(&predicted, &truth).unwrap_or(0.0),
             recall_overlap_30: recall_at(similarity, overlap, k, 0.3),
             recall_overlap_10: recall_at(similarity, overlap, k, 0.1),
         })
@@ -77,17 +77,18 @@ pub fn recall_at(similarity: &SimilarityMatrix, overlap: &SimilarityMatrix, k: u
     if counted == 0 { 1.0 } else { sum / counted as f64 }
 }
 
-/// Spearman rank correlation of two lists of equal length, ties sharing their mean rank.
-pub fn spearman(a: &[f64], b: &[f64]) -> f64 {
-    let (a, b) = (ranks(a), ranks(b));
-    let mean = (a.len() as f64 - 1.0) / 2.0;
-    let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
-    for (x, y) in a.iter().zip(&b) {
-        ab += (x - mean) * (y - mean);
-        aa += (x - mean) * (x - mean);
-        bb += (y - mean) * (y - mean);
+/// Spearman's rank correlation: Pearson's of the ranks, equal values sharing their mean rank.
+/// `None` when the lengths differ, there are fewer than two values, or one side is constant.
+pub fn spearman(a: &[f64], b: &[f64]) -> Option<f64> {
+    if a.len() != b.len() || a.len() < 2 {
+        return None;
     }
-    if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
+    let (ra, rb) = (ranks(a), ranks(b));
+    // Ranks 0..n−1 sum up to n(n−1)/2 with or without ties.
+    let middle = 0.5 * (a.len() as f64 - 1.0);
+    let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| (x - middle) * (y - middle)).sum::<f64>();
+    let scale = (dot(&ra, &ra) * dot(&rb, &rb)).sqrt();
+    (scale > 0.0).then(|| dot(&ra, &rb) / scale)
 }
 
 fn ranks(values: &[f64]) -> Vec<f64> {
@@ -126,10 +127,11 @@ mod tests {
     fn spearman_matches_known_values() {
         // With ties, by scipy.stats.spearmanr([1,2,2,4],[1,3,2,4]) = 0.9486832980505138.
         assert!(
-            (spearman(&[1.0, 2.0, 2.0, 4.0], &[1.0, 3.0, 2.0, 4.0]) - 0.948_683_298_050_513_8).abs() < 1e-12
+            (spearman(&[1.0, 2.0, 2.0, 4.0], &[1.0, 3.0, 2.0, 4.0]).unwrap() - 0.948_683_298_050_513_8).abs()
+                < 1e-12
         );
-        assert!((spearman(&[1.0, 5.0, 9.0], &[3.0, 2.0, 1.0]) + 1.0).abs() < 1e-12);
-        assert_eq!(spearman(&[1.0, 1.0], &[1.0, 2.0]), 0.0);
+        assert!((spearman(&[1.0, 5.0, 9.0], &[3.0, 2.0, 1.0]).unwrap() + 1.0).abs() < 1e-12);
+        assert_eq!(spearman(&[1.0, 1.0], &[1.0, 2.0]), None);
     }
 
     #[test]
