@@ -13,7 +13,7 @@ use rayon::prelude::*;
 pub fn thin(cloud: &PointCloud, scale: &WorkingScale) -> Surface {
     let points = voxel_means(&cloud.points, scale.voxel_m as f32);
     let normals = normals(&points, &cloud.viewpoint, scale.normal_radius_m as f32);
-    Surface { points, normals }
+    Surface { points, normals, viewpoint: cloud.viewpoint }
 }
 
 /// Unit normals of `points` `[n,3]` by principal components of their neighbours within

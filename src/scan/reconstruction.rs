@@ -30,6 +30,13 @@ pub struct Support {
     pub normal_agreement: f64,
     /// Root mean square distance to the model's tangent planes, in units of τ.
     pub plane_residual: f64,
+    /// Share of what either side could judge that lies in space the other saw to be empty, in `[0, 1]`.
+    #[serde(default)]
+    pub violation: f64,
+    /// How firmly the touching surface fixes the pose: smallest eigenvalue of the normalised
+    /// information matrix, 0 where some motion is free.
+    #[serde(default)]
+    pub stiffness: f64,
     /// Probability that the pose is right; `None` where it was not assessed.
     pub probability: Option<f64>,
 }
