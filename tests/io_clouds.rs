@@ -122,7 +122,7 @@ proptest! {
         let scans: Vec<i32> = (0..rows.len() as i32).collect();
         let dir = folder();
         let path = dir.path().join("m.ply");
-        let cloud = PlyCloud { points: &points, colors: colored.then_some(&colors), scans: numbered.then_some(&scans) };
+        let cloud = PlyCloud { points: &points, colors: colored.then_some(&colors), scans: numbered.then_some(&scans), ..PlyCloud::default() };
         write_ply(&path, &cloud).unwrap();
         let back = read_cloud(&path).unwrap();
         prop_assert_eq!(&back.points, &points);
