@@ -18,8 +18,7 @@ const FRAMES: usize = 24;
 /// A walk of 24 exact depth images through one room, four close to each other at each of six
 /// places, in millimetres with poses and intrinsics beside them.
 fn walk(folder: &Path) -> (Site, Vec<RigidMotion>) {
-    let config =
-        SynthConfig { width: 160, height: 120, frames_per_scan: 4, noise: 0.0, ..SynthConfig::default() };
+    let config = SynthConfig { frames_per_scan: 4, noise: 0.0, ..SynthConfig::default() };
     let site = Site::new(&config, 5, 1, FRAMES / 4);
     let poses: Vec<RigidMotion> = (0..site.len()).flat_map(|s| site.camera_poses(s).to_vec()).collect();
     let k = *site.intrinsics();
@@ -57,7 +56,7 @@ fn fragments_are_the_surface_in_the_frame_of_their_first_image() {
     let (site, poses) = walk(place.path());
     let fuse = |name: &str, threads: &str| {
         let output = place.path().join(name);
-        let flags = ["--frames-per-fragment", "4", "--voxel", "0.02", "--threads", threads];
+        let flags = ["--frames-per-fragment", "4", "--voxel", "0.01", "--threads", threads];
         run("fuse", place.path(), &output, &flags).success().stdout(contains("6 fragments"));
         output
     };
@@ -66,22 +65,28 @@ fn fragments_are_the_surface_in_the_frame_of_their_first_image() {
     let scene = io::dataset::read_scene(&one).unwrap();
     let truth = scene.world_from_scan.unwrap().value;
     assert_eq!(scene.scans.len(), 6);
-    let (mut off, mut points) = (0, 0);
+    let mut off = Vec::new();
     for (number, path) in scene.scans.iter().enumerate() {
         let bytes = std::fs::read(path).unwrap();
         assert!(bytes == std::fs::read(two.join("PointCloud").join(path.file_name().unwrap())).unwrap());
         assert!(difference(&truth[number], &poses[4 * number]) < 1e-12);
         let cloud = io::read_cloud(path).unwrap();
-        points += cloud.len();
-        for p in &cloud.points {
+        for p in cloud.points.iter().step_by(9) {
             let world = poses[4 * number] * p.cast::<f64>();
             let distances = site.scene().primitives().iter().map(|s| s.signed_distance(&world).abs());
-            // Half a voxel; only where a voxel meets an edge of a solid it may be more.
-            off += usize::from(distances.fold(f64::INFINITY, f64::min) > 0.01);
+            off.push(distances.fold(f64::INFINITY, f64::min) / 0.01);
         }
     }
-    eprintln!("{points} points, {off} more than half a voxel off");
-    assert!(points > 20_000 && (off as f64) < 0.02 * points as f64, "{off} of {points}");
+    let share = |limit: f64| off.iter().filter(|d| **d > limit).count() as f64 / off.len() as f64;
+    eprintln!(
+        "{} points; share beyond a quarter, half, one, two voxels: {:?}",
+        off.len(),
+        [0.25, 0.5, 1.0, 2.0].map(share)
+    );
+    assert!(off.len() > 20_000);
+    // Only where a voxel meets an edge or an outline, or a solid is thinner than the truncation, is
+    // a point farther off.
+    assert!(share(0.25) < 0.1 && share(0.5) < 0.04 && share(1.0) < 0.02, "{}", share(0.5));
 
     run("fuse", place.path(), &one, &[]).code(5).stderr(contains("--force"));
     let all = ["--force", "--frames-per-fragment", "100", "--voxel", "0.02"];
@@ -168,10 +173,18 @@ fn ground_truth_is_read_back_as_it_was_and_agrees_with_itself() {
     for (name, low, high) in [("3DMatch", 0.3, 1.0), ("3DLoMatch", 0.1, 0.3)] {
         let benchmark = io::dataset::read_benchmark(output.join(name)).unwrap();
         assert_eq!(benchmark.scans, 8);
+        let lines = text(output.join(name).join("gt_overlap.log"));
+        let published: Vec<Vec<f64>> =
+            lines.lines().map(|l| l.split(',').map(|v| v.parse().unwrap()).collect()).collect();
+        assert_eq!(published.len(), 8 * 7 / 2);
+        let of_first =
+            |i: usize, j: usize| published.iter().find(|l| (l[0], l[1]) == (i as f64, j as f64)).unwrap()[2];
+        // Of two scans that share nothing, neither shares anything.
+        assert!((0..8).all(|j| (0..j).all(|i| (of_first(i, j) > 0.0) == (matrix[i][j] > 0.0))));
         // Every pair of the range and no other.
         let expected: Vec<(usize, usize)> = (0..8)
             .flat_map(|i| (i + 1..8).map(move |j| (i, j)))
-            .filter(|&(i, j)| matrix[i][j] > low && matrix[i][j] <= high)
+            .filter(|&(i, j)| of_first(i, j) > low && of_first(i, j) <= high)
             .collect();
         let found: Vec<(usize, usize)> = benchmark.pairs.iter().map(|p| (p.i.0, p.j.0)).collect();
         assert_eq!(found, expected);
@@ -180,11 +193,6 @@ fn ground_truth_is_read_back_as_it_was_and_agrees_with_itself() {
         let recall = registration_recall(&benchmark.pairs, relative, &RecallConfig::default()).unwrap();
         assert_eq!(recall.succeeded, recall.counted);
         assert!(benchmark.pairs.iter().all(|p| p.information.is_some_and(|m| m[(0, 0)] > 0.0)));
-        let lines = text(output.join(name).join("gt_overlap.log"));
-        assert_eq!(lines.lines().count(), 8 * 7 / 2);
-        let first: Vec<&str> = lines.lines().next().unwrap().split(',').collect();
-        assert_eq!((first[0], first[1]), ("0", "1"));
-        assert!((first[2].parse::<f64>().unwrap() - matrix[0][1]).abs() < 1e-9);
     }
     assert!(pairs > 5, "{pairs}");
 

@@ -101,7 +101,12 @@ fn points_lie_on_the_surface_that_was_seen() {
         worst(&on_ball, 0) / VOXEL_M,
         rms(&on_ball, 1)
     );
-    assert!(on_wall.len() > 5000 && on_ball.len() > 1000);
+    assert!(on_wall.len() > 100_000 && on_ball.len() > 8000);
+    // Both are exact in the limit: a plane but for where a line of sight grazes it, a ball but for
+    // the curvature within a voxel and its outline.
+    assert!(rms(&on_wall, 0) < 0.02 * VOXEL_M && worst(&on_wall, 0) < 0.6 * VOXEL_M);
+    assert!(rms(&on_ball, 0) < 0.15 * VOXEL_M && worst(&on_ball, 0) < 0.75 * VOXEL_M);
+    assert!(rms(&on_wall, 1) < 1.5 && rms(&on_ball, 1) < 10.0);
 }
 
 #[test]
@@ -119,7 +124,8 @@ fn what_later_images_see_through_is_gone() {
 fn a_place_must_be_seen_often_enough() {
     let once = fused(&scene(true), &FusionConfig { min_observations: 1, ..config() }, 7).surface();
     let often = fused(&scene(true), &FusionConfig { min_observations: 7, ..config() }, 7).surface();
-    assert!(often.points.len() < once.points.len() && often.points.len() > once.points.len() / 4);
+    let (once, often) = (once.points.len(), often.points.len());
+    assert!(often < once && often > once / 10, "{often} of {once}");
     let never = fused(&scene(true), &FusionConfig { min_observations: 8, ..config() }, 7).surface();
     assert!(never.points.is_empty());
 }
@@ -136,13 +142,13 @@ fn the_number_of_threads_changes_nothing() {
     let mut cells: Vec<[i32; 3]> = one
         .points
         .iter()
-        .map(|p: &Point| [p.x, p.y, p.z].map(|c| (f64::from(c) / VOXEL_M - 0.5).floor() as i32))
+        .map(|p: &Point| [p.x, p.y, p.z].map(|c| (f64::from(c) / VOXEL_M - 0.5 + 1e-3).floor() as i32))
         .collect();
     let n = cells.len();
     cells.sort_unstable();
     cells.dedup();
-    // A crossing exactly at a centre rounds either way.
-    assert!(cells.len() as f64 > 0.999 * n as f64, "{} of {n}", cells.len());
+    // A crossing that comes within a thousandth of the next centre counts there.
+    assert!(cells.len() as f64 > 0.99 * n as f64, "{} of {n}", cells.len());
     assert!(one.normals.iter().all(|n: &Direction| (n.norm() - 1.0).abs() < 1e-5));
 }
 

@@ -11,7 +11,9 @@ use std::path::PathBuf;
 ///
 /// Writes overlap.csv (two-way overlap of every two scans), and 3DMatch/ (overlap above 0.3) and
 /// 3DLoMatch/ (above 0.1, up to 0.3) with gt.log, gt.info and gt_overlap.log, as `evaluate
-/// --benchmark` takes them. Scans are called by the number at the end of their names.
+/// --benchmark` takes them. As in the published files, the overlap of a pair i < j is there the
+/// share of the points of i that j has too. Scans are called by the number at the end of their
+/// names.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Folder of the scans with their true poses: <scan>.info.txt or .pose.txt beside each

@@ -1,6 +1,6 @@
 //! The surface in a volume: where the signed distance is zero.
 
-use super::volume::{Block, Cell, EDGE, Volume, center};
+use super::volume::{Block, Cell, EDGE, Volume, Voxel, center};
 use crate::geometry::{Direction, Point};
 use rayon::prelude::*;
 
@@ -43,15 +43,21 @@ impl Volume {
     }
 
     fn point_at(&self, block: &Block, at: Cell) -> Option<(Point, Direction)> {
-        let known = |at: Cell| self.voxel(block, at).filter(|d| d.abs() < 1.0);
+        let known = |at: Cell| self.voxel(block, at).filter(|v| v.distance.abs() < 1.0);
         let here = known(at)?;
+        let enough = self.config.min_observations as f32;
         let voxel_m = self.config.voxel_m as f32;
         let (mut offset, mut normal, mut crossings) = (Direction::zeros(), Direction::zeros(), 0.0f32);
         for axis in 0..3 {
             let mut next = at;
             next[axis] += 1;
-            let Some(there) = known(next).filter(|d| (*d > 0.0) != (here > 0.0)) else { continue };
-            let share = here / (here - there);
+            let crosses = |v: &Voxel| (v.distance > 0.0) != (here.distance > 0.0);
+            let Some(there) = known(next).filter(crosses) else { continue };
+            // The one before the surface has a weight of one an image.
+            if here.weight.max(there.weight) < enough {
+                continue;
+            }
+            let share = here.distance / (here.distance - there.distance);
             offset[axis] += share * voxel_m;
             normal += self.slope(block, at) * (1.0 - share) + self.slope(block, next) * share;
             crossings += 1.0;
@@ -63,12 +69,13 @@ impl Volume {
     /// Gradient of the distance at a voxel from the neighbours that are known; its scale has no
     /// meaning.
     fn slope(&self, block: &Block, at: Cell) -> Direction {
-        let Some(here) = self.voxel(block, at) else { return Direction::zeros() };
+        let distance = |at: Cell| self.voxel(block, at).map(|v| v.distance);
+        let Some(here) = distance(at) else { return Direction::zeros() };
         Direction::from_fn(|axis, _| {
             let beside = |step: i32| {
                 let mut next = at;
                 next[axis] += step;
-                self.voxel(block, next)
+                distance(next)
             };
             match (beside(-1), beside(1)) {
                 (Some(before), Some(after)) => 0.5 * (after - before),

@@ -15,13 +15,13 @@ const VOXELS: usize = (EDGE * EDGE * EDGE) as usize;
 /// Position of a block, or of a voxel, on its grid.
 pub(super) type Cell = [i32; 3];
 
-/// Mean distance at the centre of a voxel along the lines of sight through it.
+/// Weighted mean distance at the centre of a voxel along the lines of sight through it.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Voxel {
     /// Truncated to [−1, 1] and in units of the truncation; positive on the camera's side.
     pub distance: f32,
-    /// Images that saw it.
-    pub seen: u32,
+    /// Sum of the images' weights: the number of them, for what lies before the surface.
+    pub weight: f32,
 }
 
 #[derive(Debug)]
@@ -55,6 +55,10 @@ impl Volume {
 
     /// Averages an image into the volume: d = (z(u,v) − z)/truncation for every voxel centre at
     /// depth z that projects to (u,v), at most 1, and nothing below −1 (hidden by the surface).
+    ///
+    /// The weight is 1 up to a voxel behind the surface and falls to 0 at the truncation (Bylow et
+    /// al. 2013, linear weight): what is hidden from one image may be free for all it knows, and must
+    /// not outweigh another image that saw through it, or thin things grow shadows.
     ///
     /// # Errors
     /// [`Error::Setting`] when the surfaces seen take more than the memory allowed.
@@ -99,14 +103,13 @@ impl Volume {
         Ok(())
     }
 
-    /// The voxel at `at`, where it exists and was seen often enough; `block` is where it is
-    /// looked for first.
-    pub(super) fn voxel(&self, block: &Block, at: Cell) -> Option<f32> {
+    /// The voxel at `at`, where an image saw it; `block` is where it is looked for first.
+    pub(super) fn voxel(&self, block: &Block, at: Cell) -> Option<Voxel> {
         let cell = at.map(|c| c.div_euclid(EDGE));
         let block =
             if cell == block.cell { block } else { self.blocks.get(*self.places.get(&cell)? as usize)? };
         let voxel = block.voxels.get(index(at.map(|c| c.rem_euclid(EDGE))))?;
-        (voxel.seen >= self.config.min_observations).then_some(voxel.distance)
+        (voxel.weight > 0.0).then_some(*voxel)
     }
 }
 
@@ -129,6 +132,8 @@ struct View<'a> {
     focal: [f32; 2],
     middle: [f32; 2],
     truncation_m: f32,
+    /// Slope of the weight behind the surface: it is 1 a voxel behind, 0 at the truncation.
+    falloff: f32,
     farthest_m: f32,
 }
 
@@ -143,6 +148,7 @@ impl<'a> View<'a> {
             focal: [k.fx as f32, k.fy as f32],
             middle: [k.cx as f32, k.cy as f32],
             truncation_m,
+            falloff: truncation_m / (truncation_m - config.voxel_m as f32),
             farthest_m: max_depth_m + truncation_m,
         }
     }
@@ -213,10 +219,11 @@ impl<'a> View<'a> {
                 let p = start + steps[2] * z as f32;
                 let Some(depth) = self.depth_towards(&p) else { continue };
                 let distance = (depth - p.z) / self.truncation_m;
-                if distance >= -1.0 {
-                    let seen = voxel.seen as f32;
-                    voxel.distance = (voxel.distance * seen + distance.min(1.0)) / (seen + 1.0);
-                    voxel.seen += 1;
+                let weight = ((1.0 + distance) * self.falloff).min(1.0);
+                if weight > 0.0 {
+                    let sum = voxel.weight + weight;
+                    voxel.distance = (voxel.distance * voxel.weight + distance.min(1.0) * weight) / sum;
+                    voxel.weight = sum;
                 }
             }
         }

@@ -2,13 +2,13 @@
 
 use crate::descriptor::scale::{self, ScaleConfig};
 use crate::error::{Error, Result};
-use crate::evaluation::ground_truth::{LO_MATCH_OVERLAP, MATCH_OVERLAP, overlap_matrix, truth_of_pairs};
+use crate::evaluation::ground_truth::{LO_MATCH_OVERLAP, MATCH_OVERLAP, Overlaps, overlaps, truth_of_pairs};
 use crate::geometry::Point;
 use crate::geometry::voxel::voxel_means;
 use crate::io;
 use crate::io::write_dataset::{write_benchmark, write_overlaps};
 use crate::monitor::Monitor;
-use crate::scan::{PairTruth, PointCloud, SimilarityMatrix};
+use crate::scan::{PairTruth, PointCloud};
 use rayon::prelude::*;
 use std::io::Write;
 use std::ops::Range;
@@ -49,8 +49,8 @@ pub struct GroundTruth {
     pub voxel_m: f64,
     /// Distance within which points counted as common, metres.
     pub radius_m: f64,
-    /// Two-way overlap of every two scans.
-    pub overlap: SimilarityMatrix,
+    /// Overlap of every two scans, two-way and as published.
+    pub overlaps: Overlaps,
     /// Pairs of every benchmark, by its name.
     pub benchmarks: Vec<(&'static str, Vec<PairTruth>)>,
 }
@@ -85,10 +85,11 @@ impl GroundTruth {
             clouds.par_iter().map(|c| voxel_means(&c.points, voxel_m as f32)).collect();
         monitor.check(STAGE)?;
         let views: Vec<&[Point]> = thinned.iter().map(Vec::as_slice).collect();
-        let overlap = overlap_matrix(&views, &poses.value, radius_m as f32)?;
+        let overlaps = overlaps(&views, &poses.value, radius_m as f32)?;
         monitor.check(STAGE)?;
-        let pairs = |(name, overlaps): &(&'static str, Range<f64>)| {
-            Ok((*name, truth_of_pairs(&views, &poses.value, &overlap, overlaps, radius_m as f32)?))
+        let pairs = |(name, range): &(&'static str, Range<f64>)| {
+            let first = &overlaps.of_first;
+            Ok((*name, truth_of_pairs(&views, &poses.value, first, range, radius_m as f32)?))
         };
         let benchmarks = BENCHMARKS.iter().map(pairs).collect::<Result<_>>()?;
         monitor.end();
@@ -100,13 +101,13 @@ impl GroundTruth {
             deviation: poses.deviation,
             voxel_m,
             radius_m,
-            overlap,
+            overlaps,
             benchmarks,
         })
     }
 
     /// Writes `<benchmark>/gt.log`, `gt.info` and `gt_overlap.log` for every benchmark that has
-    /// pairs, and `overlap.csv` with the whole matrix, into `folder`, which is made where it
+    /// pairs, and `overlap.csv` with the two-way overlap of every two scans, into `folder`, which is made where it
     /// does not exist.
     ///
     /// # Errors
@@ -126,7 +127,8 @@ impl GroundTruth {
                 continue;
             }
             std::fs::create_dir_all(&place).map_err(|e| Error::write(&place, e))?;
-            write_overlaps(&place.join("gt_overlap.log"), &self.overlap, &self.numbers, |_, _| true)?;
+            let first = &self.overlaps.of_first;
+            write_overlaps(&place.join("gt_overlap.log"), first, &self.numbers, |_, _| true)?;
             write_benchmark(&place, pairs, &self.numbers)?;
         }
         std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
@@ -134,7 +136,8 @@ impl GroundTruth {
             let names: Vec<String> = self.scans.iter().map(|n| quoted(n)).collect();
             writeln!(out, "scan,{}", names.join(","))?;
             names.iter().enumerate().try_for_each(|(i, name)| {
-                let row: Vec<String> = self.overlap.row(i).iter().map(|o| format!("{o:.4}")).collect();
+                let row: Vec<String> =
+                    self.overlaps.two_way.row(i).iter().map(|o| format!("{o:.4}")).collect();
                 writeln!(out, "{name},{}", row.join(","))
             })
         })
