@@ -3,6 +3,7 @@
 
 mod entries;
 mod fragments;
+mod synthetic_scenes;
 
 pub use entries::{RgbdEntry, ScenesEntry, Split, SynthEntry};
 
@@ -34,7 +35,7 @@ pub struct Recipe {
     pub scenes: Vec<ScenesEntry>,
     /// Depth images with poses, fused into scans.
     pub rgbd: Vec<RgbdEntry>,
-    /// Synthetic buildings, made on the fly.
+    /// Synthetic buildings, made where they are not in the cache.
     pub synth: Vec<SynthEntry>,
 }
 
@@ -100,7 +101,8 @@ impl Recipe {
     }
 }
 
-/// Scans of all scenes of a recipe, posed and described. Relative folders lie under `root`.
+/// Scans of all scenes of a recipe, posed and described. Relative folders lie under `root`;
+/// synthetic buildings are kept where features are.
 ///
 /// # Errors
 /// Data that cannot be read or has no poses, scenes whose descriptors mean different things, or
@@ -139,9 +141,13 @@ pub fn load(
     for entry in &recipe.rgbd {
         add(entry.split, fragments::fuse(entry, root, monitor)?)?;
     }
+    let cache = match source {
+        FeatureSource::Cached(folder) => Some(*folder),
+        FeatureSource::Computed | FeatureSource::Given(_) => None,
+    };
     for entry in &recipe.synth {
         for &seed in &entry.seeds {
-            add(entry.split, entry.generate(seed, monitor)?)?;
+            add(entry.split, synthetic_scenes::building(entry, seed, cache, monitor)?)?;
         }
     }
     Ok(data)

@@ -6,6 +6,8 @@ mod config;
 mod demo;
 mod evaluate;
 mod evaluate_retrieval;
+mod fuse;
+mod ground_truth;
 mod import_weights;
 mod interrupt;
 pub mod logging;
@@ -15,6 +17,7 @@ mod outcome;
 mod progress;
 mod register;
 mod result_folder;
+mod sample;
 mod status;
 mod synth;
 pub mod terminal;
@@ -58,6 +61,9 @@ enum Command {
     Train(train::Arguments),
     ImportWeights(import_weights::Arguments),
     Synth(synth::Arguments),
+    Fuse(fuse::Arguments),
+    Sample(sample::Arguments),
+    GroundTruth(ground_truth::Arguments),
     Config(config::Arguments),
     Completions(completions::Arguments),
     Man(man::Arguments),
@@ -73,6 +79,9 @@ pub fn run(cli: Cli) -> anyhow::Result<Status> {
         Command::Train(arguments) => train::run(arguments, &cli.verbosity),
         Command::ImportWeights(arguments) => import_weights::run(&arguments, &cli.verbosity),
         Command::Synth(arguments) => synth::run(arguments, &cli.verbosity),
+        Command::Fuse(arguments) => fuse::run(&arguments, &cli.verbosity),
+        Command::Sample(arguments) => sample::run(&arguments, &cli.verbosity),
+        Command::GroundTruth(arguments) => ground_truth::run(&arguments, &cli.verbosity),
         Command::Config(arguments) => config::run(arguments),
         Command::Completions(arguments) => completions::run(&arguments),
         Command::Man(arguments) => man::run(&arguments),

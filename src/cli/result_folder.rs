@@ -97,7 +97,12 @@ impl ResultFolder {
             let scan: Vec<i32> = cloud.scan.iter().map(|&s| s as i32).collect();
             io::write_ply(
                 self.path.join(numbered("merged", component, "ply")),
-                &io::PlyCloud { points: &cloud.points, colors: cloud.colors.as_deref(), scans: Some(&scan) },
+                &io::PlyCloud {
+                    points: &cloud.points,
+                    colors: cloud.colors.as_deref(),
+                    scans: Some(&scan),
+                    ..io::PlyCloud::default()
+                },
             )?;
             let poses: Vec<_> = placed_in(run, component).collect();
             io::poses::write_trajectory(self.path.join(numbered("trajectory", component, "log")), &poses)?;

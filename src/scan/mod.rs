@@ -1,6 +1,7 @@
 //! The types that flow between stages.
 
 mod cloud;
+mod depth;
 mod features;
 mod reconstruction;
 mod similarity;
@@ -8,6 +9,7 @@ mod surface;
 mod truth;
 
 pub use cloud::{PointCloud, Scan, ScanId};
+pub use depth::{DepthImage, Intrinsics};
 pub use features::{Descriptors, Features};
 pub use reconstruction::{DeclineReason, NeighbourEvidence, Outcome, Placement, Reconstruction, Support};
 pub use similarity::SimilarityMatrix;
