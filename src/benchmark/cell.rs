@@ -104,7 +104,8 @@ pub struct Cell {
     pub benchmarks: BTreeMap<String, Protocol>,
     /// Figures by all protocols, with the verdict on every pair.
     pub report: SceneReport,
-    /// True overlap of each pair of `report.recalls`, by benchmark, where known.
+    /// True overlap of each pair of `report.recalls`, by benchmark, where known: as published in
+    /// gt_overlap.log, else as computed from the poses.
     pub pair_overlaps: BTreeMap<String, Vec<Option<f32>>>,
     /// Why pairs failed, where the true poses are known.
     pub diagnosis: Option<Diagnosis>,

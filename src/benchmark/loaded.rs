@@ -8,7 +8,7 @@ use crate::evaluation::diagnosis::{Case, Diagnosis};
 use crate::evaluation::ground_truth::{LO_MATCH_OVERLAP, MATCH_OVERLAP, overlap_matrix, truth_of_pairs};
 use crate::evaluation::moments::Moments;
 use crate::evaluation::protocol::Protocol;
-use crate::evaluation::recall::RecallReport;
+use crate::evaluation::recall::{PairRecall, RecallReport};
 use crate::evaluation::scene::{ScenePairs, SceneTruth};
 use crate::geometry::voxel::voxel_means;
 use crate::geometry::{Point, RigidMotion};
@@ -95,6 +95,26 @@ impl LoadedScene {
 }
 
 impl LoadedScene {
+    /// Overlap of the counted pairs of every benchmark: as published, else as computed.
+    pub fn pair_overlaps(
+        &self,
+        recalls: &BTreeMap<String, RecallReport>,
+    ) -> BTreeMap<String, Vec<Option<f32>>> {
+        let by_number = self.truth.by_number();
+        let computed =
+            |i: usize, j: usize| Some(self.overlap.as_ref()?.get(*by_number.get(&i)?, *by_number.get(&j)?));
+        let of = |(name, report): (&String, &RecallReport)| {
+            let published = self.truth.pairs.iter().find(|b| b.benchmark == *name).map(|b| &b.overlaps);
+            let look_up = |p: &PairRecall| {
+                let (i, j) = (p.i.0, p.j.0);
+                let found = published.and_then(|o| o.get(&(i, j)).or_else(|| o.get(&(j, i))).copied());
+                found.or_else(|| computed(i, j))
+            };
+            (name.clone(), report.pairs.iter().map(look_up).collect())
+        };
+        recalls.iter().map(of).collect()
+    }
+
     /// Why pairs of a reconstruction failed; `None` without true poses.
     pub fn diagnose(
         &self,
@@ -161,7 +181,7 @@ fn made(dataset: &DataSet, seed: u64, name: &str, monitor: &dyn Monitor) -> Resu
         let radius = dataset.overlap_radius_m as f32;
         let truth = truth_of_pairs(&views, &set.world_from_scan, &overlap, &overlaps, radius)?;
         let (benchmark, protocol) = (benchmark.name.clone(), benchmark.protocol);
-        pairs.push(ScenePairs { benchmark, protocol, pairs: truth });
+        pairs.push(ScenePairs { benchmark, protocol, pairs: truth, overlaps: BTreeMap::new() });
     }
     let truth = SceneTruth {
         name: name.to_owned(),

@@ -152,7 +152,7 @@ fn errors(text: &mut String, table: &Table) {
             false => (e.translation_cdf, e.translation_mean_m, e.translation_median_m, " m"),
         };
         row.extend(cdf.map(percent));
-        row.extend([mean, median].map(|v| v.map_or("∞".to_owned(), |v| format!("{v:.2}{unit}"))));
+        row.extend([mean, median].map(|v| v.map_or("∞".to_owned(), |v| format!("{v:.3}{unit}"))));
         row
     };
     for (head, of_rotation) in [(rotation, true), (translation, false)] {

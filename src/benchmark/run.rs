@@ -1,6 +1,6 @@
 //! Computing the cells that are not there yet.
 
-use super::cell::{Cell, Environment, PeakOf};
+use super::cell::{Cell, CellKey, Environment, PeakOf};
 use super::loaded::LoadedScene;
 use super::plan::{self, Plan, Shard, Task, Tasks};
 use super::suite::{SimilarityChoice, Suite};
@@ -8,7 +8,6 @@ use crate::descriptor::keypoints::subsample;
 use crate::error::{Error, Result};
 use crate::evaluation::dataset::evaluate_scene;
 use crate::evaluation::estimate::SceneEstimate;
-use crate::evaluation::recall::RecallReport;
 use crate::io::atomic;
 use crate::monitor::Monitor;
 use crate::pipeline::{self, Described, Stopwatch};
@@ -231,20 +230,12 @@ impl Worker<'_> {
         let sampled = all.features.iter().map(|f| subsample(f, key.keypoints, key.seed)).collect();
         let described = Described { features: sampled, ..all.clone() };
         let config = method.config_for(dataset, key.seed, key.keypoints)?;
-        let (similarity, overlap_head) = match (method.similarity, &scene.overlap) {
-            (SimilarityChoice::Predicted, _) => {
+        let (similarity, overlap_head) = match method.similarity {
+            SimilarityChoice::Predicted => {
                 let (s, head) = pipeline::predict_overlap(&described, &config, &self.monitor, &mut clock)?;
                 (s, head.to_string())
             }
-            (SimilarityChoice::Oracle, Some(truth)) => (truth.clone(), "true overlap".to_owned()),
-            (SimilarityChoice::Oracle, None) => {
-                return Err(Error::setting(
-                    format!("methods: {}: similarity", method.name),
-                    format!("oracle, but the scene {} has no true poses", key.scene),
-                    "a scene with true poses",
-                    "use similarity = \"predicted\"",
-                ));
-            }
+            SimilarityChoice::Oracle => (oracle(scene, key, &method.name)?, "true overlap".to_owned()),
         };
         let reconstruction =
             pipeline::register_described(&described, &similarity, &config, &self.monitor, &mut clock)?;
@@ -259,7 +250,7 @@ impl Worker<'_> {
             environment: environment(self.options.build, self.jobs),
             overlap_head,
             benchmarks: dataset.benchmarks.iter().map(|b| (b.name.clone(), b.protocol)).collect(),
-            pair_overlaps: pair_overlaps(&report.recalls, scene),
+            pair_overlaps: scene.pair_overlaps(&report.recalls),
             retrieval: match &scene.overlap {
                 Some(truth) => Some(RetrievalScores::of(&similarity, truth, RETRIEVAL_CUTOFF)?),
                 None => None,
@@ -275,6 +266,18 @@ impl Worker<'_> {
     }
 }
 
+/// The true overlap in place of a predicted one.
+fn oracle(scene: &LoadedScene, key: &CellKey, method: &str) -> Result<SimilarityMatrix> {
+    scene.overlap.clone().ok_or_else(|| {
+        Error::setting(
+            format!("methods: {method}: similarity"),
+            format!("oracle, but the scene {} has no true poses", key.scene),
+            "a scene with true poses",
+            "use similarity = \"predicted\"",
+        )
+    })
+}
+
 fn environment(build: &str, jobs: usize) -> Environment {
     Environment {
         generator: concat!("scanweave ", env!("CARGO_PKG_VERSION")).to_owned(),
@@ -284,17 +287,4 @@ fn environment(build: &str, jobs: usize) -> Environment {
         cores: std::thread::available_parallelism().map_or(1, usize::from),
         system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
     }
-}
-
-/// True overlap of the counted pairs of every benchmark.
-fn pair_overlaps(
-    recalls: &std::collections::BTreeMap<String, RecallReport>,
-    scene: &LoadedScene,
-) -> std::collections::BTreeMap<String, Vec<Option<f32>>> {
-    let by_number = scene.truth.by_number();
-    let of = |overlap: Option<&SimilarityMatrix>, i: usize, j: usize| {
-        Some(overlap?.get(*by_number.get(&i)?, *by_number.get(&j)?))
-    };
-    let list = |r: &RecallReport| r.pairs.iter().map(|p| of(scene.overlap.as_ref(), p.i.0, p.j.0)).collect();
-    recalls.iter().map(|(name, report)| (name.clone(), list(report))).collect()
 }

@@ -217,11 +217,11 @@ impl Case<'_> {
     /// Decides whether the scan at place `at` of a component's `order` is right.
     fn judge(&self, scans: &mut [ScanFinding], order: &[usize], at: usize) {
         let (scan, before) = (order[at], &order[..at]);
+        let others = (0..scans.len()).filter(|s| !before.contains(s));
+        scans[scan].best_after = self.most_overlapping(scan, others);
         let Some(&pivot) = before.first() else { return };
         scans[scan].pivot_error_m = self.final_error_m(pivot, scan);
         scans[scan].best_before = self.most_overlapping(scan, before.iter().copied());
-        let others = (0..scans.len()).filter(|s| !before.contains(s));
-        scans[scan].best_after = self.most_overlapping(scan, others);
         let parent = scans[scan].parent;
         let mut witnesses: Vec<usize> = before.to_vec();
         witnesses.retain(|&q| Some(q) == parent || self.overlap.get(scan, q) >= LEAST_OVERLAP);

@@ -5,8 +5,7 @@ use super::protocol::Protocol;
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::io::dataset::{read_benchmark, read_scene};
-use crate::io::scan_files;
-use crate::io::unique_names;
+use crate::io::{read_overlaps, scan_files, unique_names};
 use crate::scan::PairTruth;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
@@ -35,6 +34,8 @@ pub struct ScenePairs {
     pub protocol: Protocol,
     /// The pairs; ids are the scans' numbers, as in gt.log.
     pub pairs: Vec<PairTruth>,
+    /// Overlap of pairs of numbers, as published in gt_overlap.log; empty where there is none.
+    pub overlaps: BTreeMap<(usize, usize), f32>,
 }
 
 /// Truth of one scene.
@@ -80,8 +81,10 @@ impl SceneTruth {
             let read = read_benchmark(&place)?;
             check_pairs(&place, &read.pairs, &numbers)?;
             deviation = deviation.max(read.deviation);
+            let published = place.join("gt_overlap.log");
+            let overlaps = if published.is_file() { read_overlaps(&published)? } else { BTreeMap::new() };
             let (benchmark, protocol) = (benchmark.name.clone(), benchmark.protocol);
-            pairs.push(ScenePairs { benchmark, protocol, pairs: read.pairs });
+            pairs.push(ScenePairs { benchmark, protocol, pairs: read.pairs, overlaps });
         }
         let world_from_scan = match scene.world_from_scan {
             Some(poses) => Some(poses.value),
@@ -227,3 +230,7 @@ fn chained<'a>(numbers: &[usize], pairs: impl Iterator<Item = &'a PairTruth>) ->
     }
     poses.into_iter().collect()
 }
+
+#[cfg(test)]
+#[path = "scene_tests.rs"]
+mod tests;

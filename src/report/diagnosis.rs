@@ -148,7 +148,7 @@ impl Diagnosis {
         }
         let mut text = match s.parent {
             Some(parent) => format!("joined to {}", self.name(parent)),
-            None => "not joined to a scan".to_owned(),
+            None => "began its component".to_owned(),
         };
         if let (Some(_), true) = (s.parent, s.matches > 0) {
             write!(text, " by {} of {} matches", s.inliers, s.matches).ok();
@@ -166,7 +166,12 @@ impl Diagnosis {
             write!(text, "; true overlap {overlap:.2} with {} in the model", self.name(other)).ok();
         }
         if let (Cause::WrongOrder | Cause::OtherComponent, Some((other, overlap))) = (cause, s.best_after) {
-            write!(text, ", {overlap:.2} with {} that was not in it", self.name(other)).ok();
+            write!(
+                text,
+                "; true overlap {overlap:.2} with {}, which was not in the model then",
+                self.name(other)
+            )
+            .ok();
         }
         text
     }
@@ -174,4 +179,67 @@ impl Diagnosis {
 
 fn number(value: Option<f64>) -> String {
     value.map(|v| format!("{v:.3}")).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_costliest_mistake_comes_first_with_its_evidence() {
+        let scan = |name: &str, step: usize, parent: Option<usize>| ScanFinding {
+            scan: name.to_owned(),
+            component: Some(0),
+            step: Some(step),
+            parent,
+            cause: None,
+            origin: None,
+            join_error_m: None,
+            final_error_m: None,
+            pivot_error_m: None,
+            matches: 0,
+            inliers: 0,
+            probability: None,
+            best_before: None,
+            best_after: None,
+            reason: None,
+        };
+        let mut scans = vec![scan("zero", 0, None), scan("one", 1, Some(0)), scan("two", 2, Some(1))];
+        (scans[1].cause, scans[1].origin, scans[1].matches, scans[1].inliers) =
+            (Some(Cause::WrongOrder), Some(1), 310, 83);
+        (scans[1].join_error_m, scans[1].final_error_m) = (Some(0.574), Some(0.6));
+        (scans[1].best_before, scans[1].best_after) = (Some((0, 0.12)), Some((2, 0.5)));
+        (scans[2].component, scans[2].reason) = (None, Some("no keypoints".to_owned()));
+        let pair = |j: usize, cause: Cause, scan: usize, carried: bool| PairFinding {
+            benchmark: "b".to_owned(),
+            i: 0,
+            j,
+            rmse_m: (cause != Cause::Declined).then_some(0.5),
+            overlap: 0.25,
+            cause,
+            scan,
+            carried,
+        };
+        let pairs = vec![
+            pair(2, Cause::Declined, 2, false),
+            pair(1, Cause::WrongOrder, 1, false),
+            pair(3, Cause::WrongOrder, 1, true),
+        ];
+        let found = Diagnosis { limit_m: 0.2, scans, pairs };
+        assert_eq!(found.counts(), [(Cause::Declined, 1, 0), (Cause::WrongOrder, 2, 1)]);
+        let text = found.markdown("title");
+        assert!(text.contains("3 failed pairs: declined 1, wrong order 2 (1 carried along)."), "{text}");
+        let (one, two) = (text.find("| one ").unwrap(), text.find("| two ").unwrap());
+        assert!(one < two, "{text}");
+        for said in [
+            "joined to zero by 83 of 310 matches; 0.57 m off when it joined, 0.60 m at the end",
+            "true overlap 0.12 with zero in the model; true overlap 0.50 with two, which was not",
+            "no keypoints",
+        ] {
+            assert!(text.contains(said), "{said} is missing in {text}");
+        }
+        assert_eq!(found.pairs_csv().lines().nth(1), Some("b,0,2,,0.250,declined,no,two"));
+        let line = found.scans_csv().lines().nth(2).unwrap().to_owned();
+        assert_eq!(line, "one,0,1,zero,wrong order,one,0.574,0.600,,310,83,,zero 0.120,two 0.500,");
+    }
 }
