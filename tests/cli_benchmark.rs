@@ -279,6 +279,8 @@ fn bad_data_sets_are_one_clear_error() {
     let empty = place.path().join("empty");
     std::fs::create_dir_all(&empty).unwrap();
     let empty = empty.to_str().unwrap();
-    evaluate(&["--benchmark", empty]).code(3).stderr(contains("no gt.log").and(contains("empty")));
+    evaluate(&["--scene", "two", "--benchmark", empty])
+        .code(3)
+        .stderr(contains("no gt.log").and(contains("empty")));
     evaluate(&["--protocol", "kitti"]).code(2).stderr(contains("scannet"));
 }

@@ -189,17 +189,21 @@ fn scene_hash(folder: &Path, name: &str, dataset: &DataSet, data_root: &Path) ->
     let scans = scan_files(folder)?;
     let mut folders = vec![folder.to_path_buf(), folder.join("PointCloud"), folder.join("poses")];
     for benchmark in &dataset.benchmarks {
-        folders.extend(benchmark.folder.as_ref().map(|f| data_root.join(f).join(name)));
+        if let Some(folder) = &benchmark.folder {
+            let place = data_root.join(folder);
+            folders.extend([place.join(name), place.join(name).join("PointCloud"), place]);
+        }
     }
     let mut files = scans;
     for folder in folders.iter().filter(|f| f.is_dir()) {
         files.extend(listed(folder)?.into_iter().filter(|p| is_truth(p)));
     }
-    files.extend(
-        features_folder(dataset, data_root, name)
-            .filter(|f| f.is_dir())
-            .map_or(Ok(Vec::new()), |f| listed(&f))?,
-    );
+    if let Some(given) = features_folder(dataset, data_root, name) {
+        // The published layout keeps keypoints beside the descriptors.
+        for folder in [given.with_file_name("Keypoints"), given].iter().filter(|f| f.is_dir()) {
+            files.extend(listed(folder)?);
+        }
+    }
     let hashes: Vec<Result<String>> = files.par_iter().map(|p| file_digest(p)).collect();
     let mut all = String::new();
     for (file, hash) in files.iter().zip(hashes) {

@@ -291,3 +291,39 @@ fn distinct<S: AsRef<str>>(key: &str, names: impl Iterator<Item = S>) -> Result<
     }
     Err(Error::setting(key, "an empty list", "at least one entry", "add one"))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_suites_that_come_with_the_program_are_valid_and_survive_their_own_text() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/suites");
+        let mut names = Vec::new();
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            let suite = Suite::load(&path).unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!(toml::from_str::<Suite>(&suite.to_toml().unwrap()).unwrap(), suite);
+            assert!(!suite.name.is_empty());
+            names.push(path.file_stem().unwrap().to_string_lossy().into_owned());
+        }
+        for needed in ["3dmatch", "scannet", "eth", "ablation", "samples", "similarity"] {
+            assert!(names.iter().any(|n| n == needed), "{needed}.toml is missing");
+        }
+    }
+
+    #[test]
+    fn a_method_is_its_preset_with_its_settings() {
+        let method: Method =
+            toml::from_str("name = \"x\"\npreset = \"paper\"\nset = [\"registration.merge=mean\"]").unwrap();
+        let config = method.config(7, 300).unwrap();
+        let mut expected = Config::preset("paper").unwrap();
+        expected.seed = 7;
+        expected.descriptor.keypoints.count = 300;
+        expected.registration.merge = crate::registration::config::MergeRule::Mean;
+        assert_eq!(config, expected);
+        let given = DataSet { features: Some("f/{scene}".to_owned()), ..DataSet::default() };
+        let kind = method.config_for(&given, 7, 300).unwrap().descriptor.kind;
+        assert_eq!(kind, DescriptorKind::Precomputed);
+    }
+}

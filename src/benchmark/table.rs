@@ -206,7 +206,9 @@ fn quoted<'a>(
 ) -> impl Iterator<Item = RecallRow> + 'a {
     let for_it = suite.quoted.iter().filter(move |q| q.benchmark == benchmark);
     for_it.flat_map(move |q| {
-        q.keypoints.iter().zip(&q.recall_percent).map(move |(&keypoints, percent)| RecallRow {
+        let figures = q.keypoints.iter().zip(&q.recall_percent);
+        let asked = figures.filter(move |f| suite.keypoints.contains(f.0));
+        asked.map(move |(&keypoints, percent)| RecallRow {
             dataset: dataset.to_owned(),
             benchmark: benchmark.to_owned(),
             method: q.method.clone(),
@@ -222,3 +224,7 @@ fn quoted<'a>(
         })
     })
 }
+
+#[cfg(test)]
+#[path = "table_tests.rs"]
+mod tests;

@@ -157,7 +157,10 @@ fn ranges(panel: &Panel) -> ((f64, f64), (f64, f64)) {
     } else {
         (0.0, 1.0)
     };
-    ((left, right), (low, high))
+    // Lone points keep clear of the frame; curves run up to it.
+    let room = if panel.series.iter().all(|s| s.line) { 0.0 } else { 0.05 };
+    let (wide, tall) = (room * (right - left), room * (high - low));
+    ((left - wide, right + wide), (low, high + tall))
 }
 
 #[cfg(test)]
