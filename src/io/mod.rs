@@ -17,6 +17,7 @@ pub mod features;
 mod las;
 mod lzf;
 mod npy;
+mod overlaps;
 mod pcd;
 mod pcd_header;
 mod ply;
@@ -30,5 +31,6 @@ mod write_ply;
 
 pub use cloud::read_cloud;
 pub use discover::{discover, scan_files};
+pub use overlaps::read_overlaps;
 pub use scans::{read_scans, unique_names};
 pub use write_ply::{PlyCloud, write_ply};

@@ -14,6 +14,7 @@ use super::neighbourhood::neighbours_of;
 use super::pairs::{PairRegistration, most_similar_pairs};
 use super::scan_model::ScanModel;
 use crate::error::Result;
+use crate::geometry::RigidMotion;
 use crate::geometry::neighbours::RadiusGrid;
 use crate::monitor::Monitor;
 use crate::scan::{DeclineReason, Outcome, Placement, Reconstruction, ScanId, SimilarityMatrix, Support};
@@ -112,8 +113,9 @@ fn conclude(
             .collect();
         for (m, neighbours) in neighbours.into_iter().enumerate() {
             let (scan, world_from_scan) = component.members[m];
-            let (step, parent) = order.get(&scan).copied().unwrap_or((component.members.len(), None));
-            let support = supports[m];
+            let (step, link) = order.get(&scan).copied().unwrap_or((component.members.len(), None));
+            let support = Support { parent_from_scan: link.map(|l| l.1), ..supports[m] };
+            let parent = link.map(|l| l.0);
             outcomes[scan.0] = Outcome::Placed(Placement {
                 world_from_scan,
                 component: number,
@@ -130,22 +132,23 @@ fn conclude(
     Reconstruction { outcomes }
 }
 
-/// Step and parent of every scan: breadth first over the joins, from the pivot, earlier joins first.
-fn tree_order(component: &Component) -> BTreeMap<ScanId, (usize, Option<ScanId>)> {
+/// Step of every scan, its parent and its pose relative to the parent when the two joined:
+/// breadth first over the joins, from the pivot, earlier joins first.
+fn tree_order(component: &Component) -> BTreeMap<ScanId, (usize, Option<(ScanId, RigidMotion)>)> {
     let pivot = component.members[0].0;
     let mut order = BTreeMap::from([(pivot, (0, None))]);
     let mut queue = VecDeque::from([pivot]);
     while let Some(scan) = queue.pop_front() {
         for join in &component.joins {
-            let other = match join.scans {
-                (a, b) if a == scan => b,
-                (a, b) if b == scan => a,
+            let (other, scan_from_other) = match join.scans {
+                (a, b) if a == scan => (b, join.first_from_second),
+                (a, b) if b == scan => (a, join.first_from_second.inverse()),
                 _ => continue,
             };
             let step = order.len();
             order.entry(other).or_insert_with(|| {
                 queue.push_back(other);
-                (step, Some(scan))
+                (step, Some((scan, scan_from_other)))
             });
         }
     }

@@ -26,6 +26,8 @@ const BATCH: usize = 4;
 pub struct Join {
     /// The two scans whose registration spoke for it most, one of either component.
     pub scans: (ScanId, ScanId),
+    /// Pose of the second relative to the first when they joined.
+    pub first_from_second: RigidMotion,
     /// The evidence between the components.
     pub support: Support,
 }
@@ -331,7 +333,9 @@ impl<'a> Assembly<'a> {
         let mut joined = large.clone();
         joined.members.extend(small.members.iter().map(|&(s, pose)| (s, large_from_small * pose)));
         joined.joins.extend(&small.joins);
-        joined.joins.push(Join { scans: (pair.i, pair.j), support });
+        let pose = |s: ScanId| joined.members.iter().find(|m| m.0 == s).map(|m| m.1);
+        let first_from_second = pose(pair.i)?.inverse() * pose(pair.j)?;
+        joined.joins.push(Join { scans: (pair.i, pair.j), first_from_second, support });
         Some(joined)
     }
 

@@ -109,7 +109,7 @@ mod tests {
             plane_residual: 0.3,
             violation: 0.02,
             stiffness: 0.05,
-            probability: None,
+            ..Support::default()
         };
         let p = probability(&base, &weights);
         assert!(probability(&Support { inliers: 60, ..base }, &weights) > p);
@@ -142,7 +142,7 @@ mod tests {
             plane_residual: 0.25,
             violation: 0.1,
             stiffness: 0.049,
-            probability: None,
+            ..Support::default()
         };
         let score = -1.0 + 20f64.ln() + 2.0 * 2f64.ln() + 0.4 - 0.25 + 0.51f64.ln() - 2.0 * 0.11f64.ln()
             + 0.5 * 0.05f64.ln();
