@@ -1,8 +1,10 @@
 //! From scans to a reconstruction: every stage in order, each timed.
 
 mod features;
+mod pairs;
 
 pub use features::{FeatureSource, read_features};
+pub use pairs::PairCache;
 
 use crate::config::Config;
 use crate::descriptor::scale::{self, ScaleWarning, WorkingScale};
@@ -12,7 +14,7 @@ use crate::monitor::Monitor;
 use crate::registration::incremental::{self, Lengths, ScanInput};
 use crate::report::run::StageTime;
 use crate::retrieval::{self, Checkpoint, DescriptorTag, HeadChoice, HeadOrigin, SimilaritySource, shipped};
-use crate::scan::{Features, PointCloud, Reconstruction, Scan, SimilarityMatrix, Surface};
+use crate::scan::{Features, PointCloud, PoseGraph, Reconstruction, Scan, SimilarityMatrix, Surface};
 use rayon::prelude::*;
 use std::time::Instant;
 
@@ -33,13 +35,16 @@ pub struct Run {
     pub similarity: SimilarityMatrix,
     /// Where the head that predicted it came from.
     pub head: HeadOrigin,
+    /// The registered pairs, for methods that register pairs first.
+    pub pose_graph: Option<PoseGraph>,
     /// The verdict on every scan.
     pub reconstruction: Reconstruction,
     /// Time each stage took.
     pub timings: Vec<StageTime>,
 }
 
-/// Registers `scans` (at least two): scale → surfaces → features → similarity → growth.
+/// Registers `scans` (at least two): scale → surfaces → features → similarity → growth, or
+/// pairs and synchronisation. Pairs are cached beside features.
 ///
 /// # Errors
 /// Unusable scans, settings or features, or the user asked to stop.
@@ -47,6 +52,24 @@ pub fn run(
     scans: &[Scan],
     config: &Config,
     source: &FeatureSource<'_>,
+    monitor: &dyn Monitor,
+) -> Result<Run> {
+    let pairs = match source {
+        FeatureSource::Cached(folder) => PairCache::in_folder(folder),
+        FeatureSource::Computed | FeatureSource::Given(_) => PairCache::in_memory(),
+    };
+    run_with_pairs(scans, config, source, &pairs, monitor)
+}
+
+/// [`run`] with a cache of pairs that several runs may share.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_with_pairs(
+    scans: &[Scan],
+    config: &Config,
+    source: &FeatureSource<'_>,
+    pairs: &PairCache,
     monitor: &dyn Monitor,
 ) -> Result<Run> {
     check_scans(scans)?;
@@ -58,11 +81,23 @@ pub fn run(
         let checkpoint = overlap_head(config, &scale, &features)?;
         retrieval::similarity_of(&features, &config.retrieval, checkpoint.as_ref(), config.seed, monitor)
     })?;
-    let reconstruction = clock.time("registration", || {
-        let pairs = features.iter().zip(&surfaces);
-        let inputs: Vec<_> = pairs.map(|(features, surface)| ScanInput { features, surface }).collect();
+    let (pose_graph, reconstruction) = clock.time("registration", || {
+        let described = features.iter().zip(&surfaces);
+        let inputs: Vec<_> = described.map(|(features, surface)| ScanInput { features, surface }).collect();
         let lengths = Lengths { inlier_radius_m: scale.inlier_radius_m, voxel_m: scale.voxel_m };
-        incremental::register(&inputs, &similarity, &config.registration, lengths, config.seed, monitor)
+        match config.method.synchronization() {
+            None => incremental::register(
+                &inputs,
+                &similarity,
+                &config.registration,
+                lengths,
+                config.seed,
+                monitor,
+            )
+            .map(|reconstruction| (None, reconstruction)),
+            Some(method) => pairs::synchronize(&inputs, &similarity, method, config, lengths, pairs, monitor)
+                .map(|(graph, reconstruction)| (Some(graph), reconstruction)),
+        }
     })?;
     Ok(Run {
         scale,
@@ -72,6 +107,7 @@ pub fn run(
         reused,
         similarity,
         head,
+        pose_graph,
         reconstruction,
         timings: clock.stages,
     })

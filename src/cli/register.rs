@@ -1,14 +1,15 @@
 //! `scanweave register`.
 
-use super::options::{SettingOptions, ThreadOption};
+use super::options::{SettingOptions, ThreadOption, word};
 use super::progress::Progress;
 use super::result_folder::ResultFolder;
 use super::{Status, Verbosity, outcome, terminal};
 use clap::Args;
-use scanweave::config::Config;
+use scanweave::config::{Config, Method};
 use scanweave::descriptor::DescriptorKind;
 use scanweave::pipeline::{self, FeatureSource, Stopwatch};
 use scanweave::scan::Scan;
+use scanweave::synchronization::GraphKind;
 use scanweave::{Error, io};
 use std::path::PathBuf;
 
@@ -39,6 +40,14 @@ pub struct Arguments {
     /// Trained overlap head; the same as retrieval.checkpoint.
     #[arg(long, value_name = "FILE")]
     checkpoint: Option<PathBuf>,
+    /// How scans are registered: scan by scan, or all pairs first and then all poses at once; the
+    /// same as the setting method.
+    #[arg(long, value_name = "NAME", value_parser = word::<Method>)]
+    method: Option<Method>,
+    /// Pairs that a global method registers: full, pruned or sparse; the same as
+    /// synchronization.graph.
+    #[arg(long, value_name = "KIND", value_parser = word::<GraphKind>)]
+    graph: Option<GraphKind>,
     #[command(flatten)]
     threads: ThreadOption,
     #[command(flatten)]
@@ -82,6 +91,12 @@ fn effective_config(arguments: &Arguments) -> scanweave::Result<Config> {
     let mut config = arguments.settings.config()?;
     if let Some(checkpoint) = &arguments.checkpoint {
         config.retrieval.checkpoint = Some(checkpoint.clone());
+    }
+    if let Some(method) = arguments.method {
+        config.method = method;
+    }
+    if let Some(graph) = arguments.graph {
+        config.synchronization.graph = graph;
     }
     match (&arguments.features, config.descriptor.kind) {
         (Some(_), _) => config.descriptor.kind = DescriptorKind::Precomputed,

@@ -17,6 +17,7 @@ pub mod features;
 mod las;
 mod lzf;
 mod npy;
+pub mod pairs;
 mod pcd;
 mod ply;
 mod ply_header;

@@ -9,6 +9,7 @@ pub mod joint;
 pub mod matching;
 pub mod meta_shape;
 pub mod nearest;
+pub mod pairwise;
 pub mod refinement;
 
 pub use config::RegistrationConfig;

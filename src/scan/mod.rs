@@ -2,6 +2,7 @@
 
 mod cloud;
 mod features;
+mod pose_graph;
 mod reconstruction;
 mod similarity;
 mod surface;
@@ -9,6 +10,7 @@ mod truth;
 
 pub use cloud::{PointCloud, Scan, ScanId};
 pub use features::{Descriptors, Features};
+pub use pose_graph::{PairKey, PairRegistration, PoseEdge, PoseGraph};
 pub use reconstruction::{DeclineReason, NeighbourEvidence, Outcome, Placement, Reconstruction, Support};
 pub use similarity::SimilarityMatrix;
 pub use surface::Surface;
