@@ -32,7 +32,8 @@ fn motion(rows: &[[f64; 4]; 4]) -> RigidMotion {
 
 fn graph(reference: &Reference) -> PoseGraph {
     let edge = |e: &Edge| {
-        let pair = PairRegistration { target_from_source: motion(&e.i_from_j), inliers: 10, ..Default::default() };
+        let pair =
+            PairRegistration { target_from_source: motion(&e.i_from_j), inliers: 10, ..Default::default() };
         PoseEdge { i: ScanId(e.i), j: ScanId(e.j), pair, similarity: 1.0 }
     };
     let reason = DeclineReason::TooFewInliers { inliers: 0, needed: 3, matches: 0 };
