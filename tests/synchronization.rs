@@ -185,7 +185,7 @@ fn errors_follow_the_noise_and_the_redundancy() {
         ..Default::default()
     };
     for method in CLOSED_FORM {
-        let rotation = if method == Method::PoseGraph { 0.4..1.0 } else { 0.85..1.5 };
+        let rotation = if method == Method::PoseGraph { 0.4..1.2 } else { 0.85..1.5 };
         let few = error_of(method, &complete(10, sigma, 0.0)).0;
         let many = error_of(method, &complete(40, sigma, 0.0)).0;
         let louder = error_of(method, &complete(40, 2.0 * sigma, 0.0)).0;

@@ -12,6 +12,8 @@ type Vector6 = SVector<f64, 6>;
 
 /// Standard deviation of an edge's rotation, radians; that of its translation is τ.
 const SIGMA_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
+/// Inliers of an edge of unit information.
+const INLIERS: f64 = 100.0;
 /// Squared error at which an edge stops to count: the 99 % quantile of χ² with six degrees of freedom.
 const BARRIER: f64 = 16.81;
 /// Factor by which the loss hardens in a round.
@@ -38,6 +40,11 @@ pub(super) fn solve(network: &Network) -> Option<Vec<RigidMotion>> {
     }
 }
 
+/// What an edge is worth: a rigid fit to n matches has a covariance of 1/n.
+fn information(link: &Link) -> f64 {
+    link.inliers.max(1) as f64 / INLIERS
+}
+
 /// Weight of an edge of squared error `r2`: derivative of μc²r²/(μc² + r²).
 fn weight(r2: f64, softness: f64) -> f64 {
     let m = softness * BARRIER;
@@ -53,7 +60,10 @@ fn minimise(
 ) -> Option<Vec<RigidMotion>> {
     let cost = |poses: &[RigidMotion]| -> f64 {
         let m = softness * BARRIER;
-        squared_errors(network, poses).map(|r2| m * r2 / (m + r2)).sum()
+        squared_errors(network, poses)
+            .zip(&network.links)
+            .map(|(r2, link)| information(link) * m * r2 / (m + r2))
+            .sum()
     };
     let mut damping = 1e-6;
     let mut current = cost(&poses);
@@ -112,7 +122,7 @@ fn normal_equations(
             (r, of_i, of_j)
         }];
         let r2 = 0.5 * (both[0].0.norm_squared() + both[1].0.norm_squared());
-        let w = 0.5 * weight(r2, softness);
+        let w = 0.5 * information(link) * weight(r2, softness);
         for (r, of_i, of_j) in both {
             hessian.add(link.i, link.i, &(of_i.transpose() * of_i * w));
             hessian.add(link.j, link.j, &(of_j.transpose() * of_j * w));
