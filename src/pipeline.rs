@@ -76,29 +76,10 @@ pub fn run_with_pairs(
     config.validate()?;
     let mut clock = Stopwatch::default();
     let described = describe_timed(scans, config, source, monitor, &mut clock)?;
+    let (similarity, head) = predict_overlap(&described, config, monitor, &mut clock)?;
+    let registered = register_with_pairs(&described, &similarity, config, pairs, monitor, &mut clock)?;
+    let Registered { pose_graph, reconstruction } = registered;
     let Described { scale, warnings, surfaces, features, reused } = described;
-    let (similarity, head) = clock.time("similarity", || {
-        let checkpoint = overlap_head(config, &scale, &features)?;
-        retrieval::similarity_of(&features, &config.retrieval, checkpoint.as_ref(), config.seed, monitor)
-    })?;
-    let (pose_graph, reconstruction) = clock.time("registration", || {
-        let described = features.iter().zip(&surfaces);
-        let inputs: Vec<_> = described.map(|(features, surface)| ScanInput { features, surface }).collect();
-        let lengths = Lengths { inlier_radius_m: scale.inlier_radius_m, voxel_m: scale.voxel_m };
-        match config.method.synchronization() {
-            None => incremental::register(
-                &inputs,
-                &similarity,
-                &config.registration,
-                lengths,
-                config.seed,
-                monitor,
-            )
-            .map(|reconstruction| (None, reconstruction)),
-            Some(method) => pairs::synchronize(&inputs, &similarity, method, config, lengths, pairs, monitor)
-                .map(|(graph, reconstruction)| (Some(graph), reconstruction)),
-        }
-    })?;
     Ok(Run {
         scale,
         warnings,
@@ -110,6 +91,61 @@ pub fn run_with_pairs(
         pose_graph,
         reconstruction,
         timings: clock.stages,
+    })
+}
+
+/// The stage "similarity" of [`run`]: predicted overlap, and where its head came from.
+///
+/// # Errors
+/// A head that cannot be read or does not fit, or the user asked to stop.
+pub fn predict_overlap(
+    described: &Described,
+    config: &Config,
+    monitor: &dyn Monitor,
+    clock: &mut Stopwatch,
+) -> Result<(SimilarityMatrix, HeadOrigin)> {
+    clock.time("similarity", || {
+        let features = &described.features;
+        let checkpoint = overlap_head(config, &described.scale, features)?;
+        retrieval::similarity_of(features, &config.retrieval, checkpoint.as_ref(), config.seed, monitor)
+    })
+}
+
+/// What the last stage makes.
+#[derive(Debug)]
+pub struct Registered {
+    /// The registered pairs, for methods that register pairs first.
+    pub pose_graph: Option<PoseGraph>,
+    /// The verdict on every scan.
+    pub reconstruction: Reconstruction,
+}
+
+/// The stage "registration" of [`run`], with pairs that several runs may share.
+///
+/// # Errors
+/// Shapes or settings that cannot be used, or the user asked to stop.
+pub fn register_with_pairs(
+    described: &Described,
+    similarity: &SimilarityMatrix,
+    config: &Config,
+    pairs: &PairCache,
+    monitor: &dyn Monitor,
+    clock: &mut Stopwatch,
+) -> Result<Registered> {
+    let Described { scale, surfaces, features, .. } = described;
+    let lengths = Lengths { inlier_radius_m: scale.inlier_radius_m, voxel_m: scale.voxel_m };
+    clock.time("registration", || {
+        let scans = features.iter().zip(surfaces);
+        let inputs: Vec<_> = scans.map(|(features, surface)| ScanInput { features, surface }).collect();
+        let Some(method) = config.method.synchronization() else {
+            let settings = &config.registration;
+            let reconstruction =
+                incremental::register(&inputs, similarity, settings, lengths, config.seed, monitor)?;
+            return Ok(Registered { pose_graph: None, reconstruction });
+        };
+        let (graph, reconstruction) =
+            pairs::synchronize(&inputs, similarity, method, config, lengths, pairs, monitor)?;
+        Ok(Registered { pose_graph: Some(graph), reconstruction })
     })
 }
 

@@ -231,6 +231,15 @@ fn robust_methods_survive_a_third_of_wrong_edges() {
 }
 
 #[test]
+fn hara_drops_what_contradicts_its_tree() {
+    // Exact edges and a few wild ones: what is kept is exact, so that the answer is.
+    let config = PoseGraphConfig { scans: 12, density: 1.0, outliers: 0.15, seed: 11, ..Default::default() };
+    let known = config.generate();
+    assert!(known.outlier.iter().filter(|o| **o).count() >= 5);
+    assert_exact(&solve(&known.graph, Method::Hara), &known.world_from_scan, "hara");
+}
+
+#[test]
 fn what_no_edge_joins_stays_apart() {
     // Scans 0–5, 6–8 and 9 have nothing to do with each other.
     let known = PoseGraphConfig { scans: 10, density: 1.0, seed: 8, ..Default::default() }.generate();

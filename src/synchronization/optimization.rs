@@ -217,4 +217,15 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn weights_are_the_slope_of_the_loss() {
+        // d/d(r²) of μc²r²/(μc² + r²) by central differences.
+        for (r2, softness) in [(0.5, 1.0), (30.0, 1.0), (30.0, 40.0)] {
+            let loss = |r2: f64| softness * BARRIER * r2 / (softness * BARRIER + r2);
+            let slope = (loss(r2 + 1e-5) - loss(r2 - 1e-5)) / 2e-5;
+            assert!((weight(r2, softness) - slope).abs() < 1e-8);
+        }
+        assert!(weight(100.0 * BARRIER, 1.0) < 1e-3);
+    }
 }

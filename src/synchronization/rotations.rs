@@ -78,3 +78,18 @@ pub(super) fn errors(network: &Network, rotations: &[UnitQuaternion<f64>]) -> Ve
     };
     network.links.iter().map(error).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_are_those_of_the_norms() {
+        // Weighted squares w·r² are r for ℓ1 and √r for ℓ½; near zero root weights end at 1e4.
+        for r in [0.01, 0.3, 2.0] {
+            assert!((L1.weight(r) * r * r - r).abs() < 1e-12);
+            assert!((L_HALF.weight(r) * r * r - r.sqrt()).abs() < 1e-12);
+        }
+        assert_eq!((L1.weight(0.0), L_HALF.weight(0.0)), (1e8, 1e8));
+    }
+}
