@@ -120,7 +120,23 @@ pub struct Registered {
     pub reconstruction: Reconstruction,
 }
 
-/// The stage "registration" of [`run`], with pairs that several runs may share.
+/// The stage "registration" of [`run`].
+///
+/// # Errors
+/// Shapes or settings that cannot be used, or the user asked to stop.
+pub fn register_described(
+    described: &Described,
+    similarity: &SimilarityMatrix,
+    config: &Config,
+    monitor: &dyn Monitor,
+    clock: &mut Stopwatch,
+) -> Result<Reconstruction> {
+    let pairs = PairCache::in_memory();
+    let registered = register_with_pairs(described, similarity, config, &pairs, monitor, clock)?;
+    Ok(registered.reconstruction)
+}
+
+/// [`register_described`] with pairs that several runs may share, and the pose graph.
 ///
 /// # Errors
 /// Shapes or settings that cannot be used, or the user asked to stop.

@@ -150,6 +150,9 @@ fn a_global_method_is_chosen_by_a_flag_and_says_what_it_needs() {
     let config = text(out.join("config.toml"));
     assert!(config.contains("method = \"sghr\"") && config.contains("graph = \"full\""), "{config}");
 
+    register(&scans, &out, &["--method", "hara", "--graph", "full", "--force"])
+        .success()
+        .stdout(contains("pairs    6 registered").and(contains("kept for hara")));
     let other = place.path().join("other");
     register(&scans, &other, &["--method", "magic"])
         .code(2)

@@ -43,6 +43,7 @@ fn graph(reference: &Reference) -> PoseGraph {
         edges: reference.edges.iter().map(edge).collect(),
         without_edges: vec![reason; 6],
         registered_pairs: reference.edges.len(),
+        registration_seconds: 0.0,
     }
 }
 

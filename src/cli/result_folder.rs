@@ -155,6 +155,7 @@ fn report(scans: &[Scan], run: &Run, config: &Config, poses: &Document, clock: S
         overlap_head: run.head.to_string(),
         method: config.method.to_string(),
         registered_pairs: run.pose_graph.as_ref().map(|g| g.registered_pairs),
+        pair_seconds: run.pose_graph.as_ref().map(|g| g.registration_seconds),
         edges: run.pose_graph.as_ref().map(|g| g.edges.len()),
         placed: run.reconstruction.placed(),
         declined: scans.len() - run.reconstruction.placed(),

@@ -1,7 +1,8 @@
 //! Pairwise registrations kept for the next run: one NPZ.
 //!
-//! `pairs` `[P,32]` bytes: content of target and source; `values` `[P,12]`: translation (3,
-//! metres), rotation as x y z w, matches, inliers, residual (m), overlap, median distance (m).
+//! `pairs` `[P,32]` bytes: content of target and source; `values` `[P,13]`: translation (3,
+//! metres), rotation as x y z w, matches, inliers, residual (m), overlap, median distance (m),
+//! seconds it took.
 
 use super::{atomic, npy};
 use crate::error::{Error, Result};
@@ -15,13 +16,16 @@ use std::io;
 use std::path::Path;
 
 const KEY: usize = 32;
-const VALUES: usize = 12;
+const VALUES: usize = 13;
+
+/// Registrations and the seconds each took.
+pub type Pairs = BTreeMap<PairKey, (PairRegistration, f64)>;
 
 /// Reads what [`write`] writes, to the last bit.
 ///
 /// # Errors
 /// [`Error::Read`]; [`Error::File`] for missing arrays or wrong shapes.
-pub fn read(path: &Path) -> Result<BTreeMap<PairKey, PairRegistration>> {
+pub fn read(path: &Path) -> Result<Pairs> {
     let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
     let arrays = npy::read_archive(path, &bytes)?;
     let rows = |name: &str, columns: usize| {
@@ -38,14 +42,18 @@ pub fn read(path: &Path) -> Result<BTreeMap<PairKey, PairRegistration>> {
         let found = format!("{} pairs and {} values", keys.len(), values.len());
         return Err(Error::file(path, found, "as many of both", "delete it; it is made again"));
     }
-    Ok(keys.into_iter().map(key).zip(values.into_iter().map(registration)).collect())
+    Ok(keys
+        .into_iter()
+        .map(key)
+        .zip(values.into_iter().map(|row| (registration(row), row[VALUES - 1])))
+        .collect())
 }
 
 /// Writes pairwise registrations.
 ///
 /// # Errors
 /// [`Error::Write`].
-pub fn write(path: &Path, pairs: &BTreeMap<PairKey, PairRegistration>) -> Result<()> {
+pub fn write(path: &Path, pairs: &Pairs) -> Result<()> {
     let keys: Vec<u8> = pairs.keys().flat_map(|k| k.target.into_iter().chain(k.source)).collect();
     let values: Vec<f64> = pairs.values().flat_map(numbers).collect();
     atomic::write(path, |sink| {
@@ -64,13 +72,11 @@ fn key(row: &[f64]) -> PairKey {
     PairKey { target: half(0), source: half(KEY / 2) }
 }
 
-fn numbers(pair: &PairRegistration) -> [f64; VALUES] {
+fn numbers((pair, seconds): &(PairRegistration, f64)) -> [f64; VALUES] {
     let (t, q) = (pair.target_from_source.translation.vector, pair.target_from_source.rotation.coords);
-    let counts = [pair.matches as f64, pair.inliers as f64];
-    let [matches, inliers] = counts;
-    let measures = [pair.residual_m, pair.overlap, pair.median_distance_m];
-    let [residual, overlap, distance] = measures;
-    [t.x, t.y, t.z, q.x, q.y, q.z, q.w, matches, inliers, residual, overlap, distance]
+    let (matches, inliers) = (pair.matches as f64, pair.inliers as f64);
+    let (residual, overlap, distance) = (pair.residual_m, pair.overlap, pair.median_distance_m);
+    [t.x, t.y, t.z, q.x, q.y, q.z, q.w, matches, inliers, residual, overlap, distance, *seconds]
 }
 
 fn registration(row: &[f64]) -> PairRegistration {
@@ -106,12 +112,13 @@ mod tests {
             median_distance_m: 0.01,
         };
         let key = |a: u8, b: u8| PairKey { target: [a; 16], source: [b; 16] };
-        let pairs = BTreeMap::from([(key(3, 255), found), (key(0, 1), PairRegistration::default())]);
+        let pairs =
+            BTreeMap::from([(key(3, 255), (found, 0.021)), (key(0, 1), (PairRegistration::default(), 0.0))]);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("pairs.npz");
         write(&path, &pairs).unwrap();
         assert_eq!(read(&path).unwrap(), pairs);
-        write(&path, &BTreeMap::new()).unwrap();
+        write(&path, &Pairs::new()).unwrap();
         assert!(read(&path).unwrap().is_empty());
         std::fs::write(&path, b"no archive").unwrap();
         assert!(matches!(read(&path), Err(Error::File { .. })));

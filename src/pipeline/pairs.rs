@@ -4,7 +4,7 @@
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
-use crate::io;
+use crate::io::{self, pairs::Pairs};
 use crate::monitor::Monitor;
 use crate::registration::incremental::{Lengths, ScanInput};
 use crate::registration::joint::{JointScan, refine_jointly};
@@ -18,12 +18,11 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
 
 /// Raised when cached pairs of an older version must not be used any more.
-const CACHE_VERSION: u32 = 1;
+const CACHE_VERSION: u32 = 2;
 const STAGE: &str = "pairs";
-
-type Known = BTreeMap<PairKey, PairRegistration>;
 
 /// Registered pairs by the settings and contents they belong to, for any number of runs.
 #[derive(Debug, Default)]
@@ -31,7 +30,7 @@ pub struct PairCache {
     /// Where they are kept for later processes.
     folder: Option<PathBuf>,
     /// By name of the settings.
-    known: Mutex<BTreeMap<String, Known>>,
+    known: Mutex<BTreeMap<String, Pairs>>,
 }
 
 impl PairCache {
@@ -45,21 +44,21 @@ impl PairCache {
         Self { folder: Some(folder.to_path_buf()), ..Self::default() }
     }
 
-    fn take(&self, settings: &str) -> Known {
+    fn take(&self, settings: &str) -> Pairs {
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(pairs) = known.get(settings) {
             return pairs.clone();
         }
-        let Some(path) = self.file(settings).filter(|p| p.exists()) else { return Known::new() };
+        let Some(path) = self.file(settings).filter(|p| p.exists()) else { return Pairs::new() };
         let pairs = io::pairs::read(&path).unwrap_or_else(|error| {
             tracing::warn!("registering again what the cache should hold: {error}");
-            Known::new()
+            Pairs::new()
         });
         known.insert(settings.to_owned(), pairs.clone());
         pairs
     }
 
-    fn keep(&self, settings: &str, pairs: Known) -> Result<()> {
+    fn keep(&self, settings: &str, pairs: Pairs) -> Result<()> {
         if let Some(path) = self.file(settings) {
             io::pairs::write(&path, &pairs)?;
         }
@@ -122,13 +121,14 @@ fn pose_graph(
     let missing: Vec<(ScanId, ScanId)> =
         pairs.iter().copied().filter(|(i, j)| !known.contains_key(&pairwise.key(*i, *j).0)).collect();
     monitor.begin(STAGE, missing.len());
-    let new: Vec<Result<(PairKey, PairRegistration)>> = missing
+    let new: Vec<Result<(PairKey, (PairRegistration, f64))>> = missing
         .par_iter()
         .map(|&(i, j)| {
             monitor.check(STAGE)?;
+            let start = Instant::now();
             let registered = pairwise.register(i, j);
             monitor.advance(1);
-            Ok((pairwise.key(i, j).0, registered))
+            Ok((pairwise.key(i, j).0, (registered, start.elapsed().as_secs_f64())))
         })
         .collect();
     monitor.end();
@@ -137,10 +137,12 @@ fn pose_graph(
         cache.keep(&settings, known.clone())?;
     }
     let min_inliers = config.registration.evidence.min_inliers.max(MIN_INLIERS);
+    let mut registration_seconds = 0.0;
     let (mut edges, mut best) = (Vec::new(), vec![PairRegistration::default(); similarity.len()]);
     for &(i, j) in &pairs {
         let (key, forward) = pairwise.key(i, j);
-        let Some(found) = known.get(&key) else { continue };
+        let Some((found, seconds)) = known.get(&key) else { continue };
+        registration_seconds += seconds;
         let pair = if forward { *found } else { found.reversed() };
         if graph::keeps(&pair, &config.synchronization, min_inliers, lengths.inlier_radius_m) {
             edges.push(PoseEdge { i, j, pair, similarity: f64::from(similarity.get(i.0, j.0)) });
@@ -163,6 +165,7 @@ fn pose_graph(
         edges,
         without_edges,
         registered_pairs: pairs.len(),
+        registration_seconds,
     })
 }
 

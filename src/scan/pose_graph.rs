@@ -87,6 +87,8 @@ pub struct PoseGraph {
     pub edges: Vec<PoseEdge>,
     /// Why a scan is without edges; read only where it is.
     pub without_edges: Vec<DeclineReason>,
-    /// Pairs that were registered to make this graph.
+    /// Pairs that were registered to make this graph, this time or before.
     pub registered_pairs: usize,
+    /// What they took, each on one thread when it was registered, seconds.
+    pub registration_seconds: f64,
 }

@@ -92,6 +92,7 @@ impl PoseGraphConfig {
             edges,
             without_edges: vec![reason; self.scans],
             registered_pairs,
+            registration_seconds: 0.0,
         };
         KnownPoseGraph { graph, world_from_scan, outlier }
     }
