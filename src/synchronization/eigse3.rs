@@ -3,9 +3,8 @@
 //! Arrigoni, Rossi & Fusiello, "Spectral Synchronization of Multiple Views in SE(3)" (SIAM
 //! J. Imaging Sciences 2016). With X_i = scan_from_world and T_ij taking j to i, exact motions
 //! satisfy Σ_j w_ij T_ij X_j = (Σ_j w_ij) X_i: the stacked X span the leading 4-dimensional
-//! eigenspace of D⁻¹Z. A change of basis makes every fourth row (0,0,0,1); what is left of the
-//! basis is the same linear factor in every block and is taken out before the projection to
-//! SE(3). Cauchy weights with a scale from the median absolute deviation, iterated.
+//! eigenspace of D⁻¹Z. A change of basis makes every fourth row (0,0,0,1), then every block is
+//! projected to SE(3). Cauchy weights with a scale from the median absolute deviation, iterated.
 
 use super::network::Network;
 use super::spectral::{distance, orthonormal, rotations_of};
@@ -136,12 +135,9 @@ fn poses_of(space: &[Matrix4<f64>]) -> Option<Vec<RigidMotion>> {
     let basis = affine_basis(space)?;
     let blocks: Vec<Matrix4<f64>> = space.iter().map(|x| x * basis).collect();
     let linear: Vec<Matrix3<f64>> = blocks.iter().map(|b| b.fixed_view::<3, 3>(0, 0).into_owned()).collect();
-    // Every linear part is R_i K: Σ KᵀRᵀRK = n KᵀK fixes K up to a rotation, which is the frame.
-    let gram = linear.iter().fold(Matrix3::zeros(), |sum, a| sum + a.transpose() * a) / linear.len() as f64;
-    let upper = gram.cholesky()?.unpack().transpose();
-    let whiten = upper.try_inverse()?;
-    let whitened: Vec<Matrix3<f64>> = linear.iter().map(|a| a * whiten).collect();
-    let rotations = rotations_of(&whitened)?;
+    // Every linear part is R_i K with one K for all: the nearest rotation to it is R_i times the
+    // nearest one to K, which is only another frame.
+    let rotations = rotations_of(&linear)?;
     let translations = blocks.iter().map(|b| -> Vector3<f64> { b.fixed_view::<3, 1>(0, 3).into_owned() });
     Some(rotations.into_iter().zip(translations).map(|(r, t)| motion(r, t)).collect())
 }
