@@ -8,7 +8,7 @@
 //! method's poses are refined afterwards but for the incremental one's, where the preset says
 //! so. Prints one line a scene, graph and method, then the means over the scenes: registration
 //! recall on both benchmarks in percent, pairs registered and kept, share of the kept ones that
-//! are right (10°, 0.3 m), and the seconds that pairs (on one thread) and synchronisation took.
+//! are right (10°, 0.3 m), and the seconds that pairs (when they were registered) and synchronisation took.
 
 use scanweave::config::Method as Choice;
 use scanweave::evaluation::recall::{RecallConfig, RecallReport, registration_recall};

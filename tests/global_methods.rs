@@ -39,6 +39,7 @@ fn every_method_registers_a_room_and_registers_its_pairs_once() {
     let folder = tempfile::tempdir().unwrap();
     let pairs = PairCache::in_folder(folder.path());
     let mut files = Vec::new();
+    let mut seconds = None;
     let described = pipeline::describe(
         &set.scans,
         &config(Method::Sghr, GraphKind::Full),
@@ -54,6 +55,10 @@ fn every_method_registers_a_room_and_registers_its_pairs_once() {
         let run = run(method, &pairs);
         let graph = run.pose_graph.as_ref().unwrap();
         assert_eq!(graph.registered_pairs, 15);
+        // The first method registers, the others reuse: what pairs cost stays told.
+        let reused = if seconds.is_some() { graph.registration_seconds } else { 0.0 };
+        assert_eq!(graph.reused_seconds, reused);
+        assert_eq!(*seconds.get_or_insert(graph.registration_seconds), graph.registration_seconds);
         assert!(graph.registration_seconds > 0.0);
         assert_eq!(run.reconstruction.placed(), 6, "{method}");
         for i in 0..6 {

@@ -44,6 +44,7 @@ fn graph(reference: &Reference) -> PoseGraph {
         without_edges: vec![reason; 6],
         registered_pairs: reference.edges.len(),
         registration_seconds: 0.0,
+        reused_seconds: 0.0,
     }
 }
 

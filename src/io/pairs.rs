@@ -2,7 +2,7 @@
 //!
 //! `pairs` `[P,32]` bytes: content of target and source; `values` `[P,13]`: translation (3,
 //! metres), rotation as x y z w, matches, inliers, residual (m), overlap, median distance (m),
-//! seconds it took.
+//! its share of the seconds that all took which were registered with it.
 
 use super::{atomic, npy};
 use crate::error::{Error, Result};
@@ -18,7 +18,7 @@ use std::path::Path;
 const KEY: usize = 32;
 const VALUES: usize = 13;
 
-/// Registrations and the seconds each took.
+/// Registrations and the seconds of each.
 pub type Pairs = BTreeMap<PairKey, (PairRegistration, f64)>;
 
 /// Reads what [`write`] writes, to the last bit.

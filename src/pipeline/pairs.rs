@@ -15,7 +15,7 @@ use crate::scan::{
 };
 use crate::synchronization::{self, LitsWeights, Method, graph};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -120,29 +120,20 @@ fn pose_graph(
     let mut known = cache.take(&settings);
     let missing: Vec<(ScanId, ScanId)> =
         pairs.iter().copied().filter(|(i, j)| !known.contains_key(&pairwise.key(*i, *j).0)).collect();
-    monitor.begin(STAGE, missing.len());
-    let new: Vec<Result<(PairKey, (PairRegistration, f64))>> = missing
-        .par_iter()
-        .map(|&(i, j)| {
-            monitor.check(STAGE)?;
-            let start = Instant::now();
-            let registered = pairwise.register(i, j);
-            monitor.advance(1);
-            Ok((pairwise.key(i, j).0, (registered, start.elapsed().as_secs_f64())))
-        })
-        .collect();
-    monitor.end();
+    let new = register_all(pairwise, &missing, monitor)?;
+    let registered_now: BTreeSet<PairKey> = new.keys().copied().collect();
     if !new.is_empty() {
-        known.extend(new.into_iter().collect::<Result<Vec<_>>>()?);
+        known.extend(new);
         cache.keep(&settings, known.clone())?;
     }
     let min_inliers = config.registration.evidence.min_inliers.max(MIN_INLIERS);
-    let mut registration_seconds = 0.0;
+    let (mut registration_seconds, mut reused_seconds) = (0.0, 0.0);
     let (mut edges, mut best) = (Vec::new(), vec![PairRegistration::default(); similarity.len()]);
     for &(i, j) in &pairs {
         let (key, forward) = pairwise.key(i, j);
         let Some((found, seconds)) = known.get(&key) else { continue };
         registration_seconds += seconds;
+        reused_seconds += if registered_now.contains(&key) { 0.0 } else { *seconds };
         let pair = if forward { *found } else { found.reversed() };
         if graph::keeps(&pair, &config.synchronization, min_inliers, lengths.inlier_radius_m) {
             edges.push(PoseEdge { i, j, pair, similarity: f64::from(similarity.get(i.0, j.0)) });
@@ -166,7 +157,26 @@ fn pose_graph(
         without_edges,
         registered_pairs: pairs.len(),
         registration_seconds,
+        reused_seconds,
     })
+}
+
+/// Registers pairs, each with its share of the time they took together.
+fn register_all(pairwise: &Pairwise<'_>, pairs: &[(ScanId, ScanId)], monitor: &dyn Monitor) -> Result<Pairs> {
+    let start = Instant::now();
+    monitor.begin(STAGE, pairs.len());
+    let registered: Vec<Result<(PairKey, PairRegistration)>> = pairs
+        .par_iter()
+        .map(|&(i, j)| {
+            monitor.check(STAGE)?;
+            let registered = pairwise.register(i, j);
+            monitor.advance(1);
+            Ok((pairwise.key(i, j).0, registered))
+        })
+        .collect();
+    monitor.end();
+    let seconds = start.elapsed().as_secs_f64() / pairs.len().max(1) as f64;
+    registered.into_iter().map(|pair| pair.map(|(key, pair)| (key, (pair, seconds)))).collect()
 }
 
 /// Why a scan whose best registration was `best` has no edge.

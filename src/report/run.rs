@@ -74,7 +74,7 @@ pub struct RunReport {
     pub method: String,
     /// Pairs that were registered, this time or before; null for the incremental method.
     pub registered_pairs: Option<usize>,
-    /// What these pairs took, each on one thread when it was registered, seconds; null likewise.
+    /// What these pairs took when they were registered, seconds; null likewise.
     pub pair_seconds: Option<f64>,
     /// Pairs that became edges of the pose graph; null likewise.
     pub edges: Option<usize>,

@@ -89,6 +89,8 @@ pub struct PoseGraph {
     pub without_edges: Vec<DeclineReason>,
     /// Pairs that were registered to make this graph, this time or before.
     pub registered_pairs: usize,
-    /// What they took, each on one thread when it was registered, seconds.
+    /// What they took, seconds of wall-clock time when they were registered.
     pub registration_seconds: f64,
+    /// The part of it that belongs to pairs registered before.
+    pub reused_seconds: f64,
 }

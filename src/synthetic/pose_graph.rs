@@ -93,6 +93,7 @@ impl PoseGraphConfig {
             without_edges: vec![reason; self.scans],
             registered_pairs,
             registration_seconds: 0.0,
+            reused_seconds: 0.0,
         };
         KnownPoseGraph { graph, world_from_scan, outlier }
     }
