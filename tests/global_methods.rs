@@ -37,7 +37,8 @@ fn run(set: &SyntheticSet, config: &Config, pairs: &PairCache) -> Run {
 fn every_method_registers_a_room_and_registers_its_pairs_once() {
     let set = interior();
     let folder = tempfile::tempdir().unwrap();
-    let pairs = PairCache::in_folder(folder.path());
+    let cache = folder.path().join("cache");
+    let pairs = PairCache::in_folder(&cache);
     let mut files = Vec::new();
     let mut seconds = None;
     let described = pipeline::describe(
@@ -72,7 +73,7 @@ fn every_method_registers_a_room_and_registers_its_pairs_once() {
             assert!(!placement.neighbours.is_empty());
             assert_eq!(placement.parent.is_none(), placement.step == 0);
         }
-        files = std::fs::read_dir(folder.path()).unwrap().map(|f| f.unwrap().path()).collect();
+        files = std::fs::read_dir(&cache).unwrap().map(|f| f.unwrap().path()).collect();
         assert_eq!(files.len(), 1, "one file of pairs for one kind of settings");
     }
     // A later process takes the pairs from the file: where all inliers are gone, no edge is left.
@@ -80,12 +81,12 @@ fn every_method_registers_a_room_and_registers_its_pairs_once() {
     assert_eq!(kept.len(), 15);
     kept.values_mut().for_each(|(pair, _)| pair.inliers = 2);
     scanweave::io::pairs::write(&files[0], &kept).unwrap();
-    let later = run(Method::Sghr, &PairCache::in_folder(folder.path()));
+    let later = run(Method::Sghr, &PairCache::in_folder(&cache));
     assert!(later.pose_graph.unwrap().edges.is_empty());
     assert_eq!(later.reconstruction.placed(), 0);
     // A broken file is made again.
     std::fs::write(&files[0], b"broken").unwrap();
-    let again = run(Method::Sghr, &PairCache::in_folder(folder.path()));
+    let again = run(Method::Sghr, &PairCache::in_folder(&cache));
     assert_eq!(again.reconstruction.placed(), 6);
 }
 

@@ -7,7 +7,7 @@ use super::{Status, Verbosity, outcome, terminal};
 use clap::Args;
 use scanweave::config::{Config, Method};
 use scanweave::descriptor::DescriptorKind;
-use scanweave::pipeline::{self, FeatureSource, Stopwatch};
+use scanweave::pipeline::{self, FeatureSource, PairCache, Stopwatch};
 use scanweave::scan::Scan;
 use scanweave::synchronization::GraphKind;
 use scanweave::{Error, io};
@@ -16,9 +16,9 @@ use std::path::PathBuf;
 /// Register scans: poses with evidence, and one merged cloud.
 ///
 /// Writes poses.json, trajectory.log, merged.ply, config.toml and report.json into the output
-/// folder, and keeps features in its cache/ so that a second run is faster. Scans that cannot
-/// be placed are declined with a reason; the exit code is then still 0. It is 6, after
-/// everything is written, when no scan could be joined to another.
+/// folder, and keeps features and registered pairs in its cache/ so that a second run is faster.
+/// Scans that cannot be placed are declined with a reason; the exit code is then still 0. It is
+/// 6, after everything is written, when no scan could be joined to another.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Scan files, folders of them, globs, or @list.txt with one of these a line.
@@ -74,7 +74,9 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
         None if config.output.feature_cache => FeatureSource::Cached(&cache),
         None => FeatureSource::Computed,
     };
-    let run = pipeline::run(&scans, &config, &source, &progress)?;
+    let pairs =
+        if config.output.feature_cache { PairCache::in_folder(&cache) } else { PairCache::in_memory() };
+    let run = pipeline::run_with_pairs(&scans, &config, &source, &pairs, &progress)?;
     outcome::warn(&run, &scans);
     let written = folder.write(&scans, &run, &config, clock, &progress)?;
 

@@ -81,7 +81,7 @@ pub struct OutputConfig {
     /// Voxel to which merged.ply is thinned, metres; half of the working voxel where not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub merged_voxel_m: Option<f64>,
-    /// Whether features are kept in the output folder for the next run.
+    /// Whether features and registered pairs are kept in the output folder for the next run.
     pub feature_cache: bool,
 }
 

@@ -39,7 +39,7 @@ impl PairCache {
         Self::default()
     }
 
-    /// Pairs that are also kept in files of this folder, which must be there.
+    /// Pairs that are also kept in files of this folder, which is made when needed.
     pub fn in_folder(folder: &Path) -> Self {
         Self { folder: Some(folder.to_path_buf()), ..Self::default() }
     }
@@ -59,7 +59,8 @@ impl PairCache {
     }
 
     fn keep(&self, settings: &str, pairs: Pairs) -> Result<()> {
-        if let Some(path) = self.file(settings) {
+        if let (Some(folder), Some(path)) = (&self.folder, self.file(settings)) {
+            std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
             io::pairs::write(&path, &pairs)?;
         }
         self.known.lock().unwrap_or_else(PoisonError::into_inner).insert(settings.to_owned(), pairs);
