@@ -42,6 +42,7 @@ pub mod registration;
 pub mod report;
 pub mod retrieval;
 pub mod scan;
+pub mod synchronization;
 pub mod synthetic;
 pub mod training;
 

@@ -2,14 +2,18 @@
 
 use super::{Status, Verbosity, terminal};
 use clap::{Args, ValueEnum};
-use scanweave::Error;
 use scanweave::retrieval::import::{self, Publisher};
+use scanweave::synchronization::LitsWeights;
+use scanweave::{Error, io};
+use std::io::Write;
 use std::path::PathBuf;
 
-/// Turn an overlap head published by others into a checkpoint.
+/// Turn weights published by others into a file for `register`.
 ///
-/// Reads a PyTorch file with conv.weight [K,D,1,1], conv.bias [K] and centroids [K,D], under
-/// whatever prefix, and writes a checkpoint for --checkpoint of `register`.
+/// Of SGHR and IMVR it reads an overlap head, a PyTorch file with conv.weight [K,D,1,1],
+/// conv.bias [K] and centroids [K,D] under whatever prefix, and writes a checkpoint for
+/// --checkpoint. Of LITS it reads the graph network for SE(3) and writes a file for the setting
+/// synchronization.lits_weights.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// The PyTorch file (.pth).
@@ -21,7 +25,7 @@ pub struct Arguments {
     /// The checkpoint to write.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Local descriptor the head was trained on.
+    /// Local descriptor the head was trained on (sghr, imvr).
     #[arg(long, value_name = "NAME", default_value = "yoho")]
     descriptor: String,
     /// Replace the file if it is there.
@@ -35,6 +39,8 @@ enum From {
     Sghr,
     /// IMVR (Li et al. 2025).
     Imvr,
+    /// LITS (Yew & Lee 2021).
+    Lits,
 }
 
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
@@ -44,6 +50,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     let publisher = match arguments.from {
         From::Sghr => Publisher::Sghr,
         From::Imvr => Publisher::Imvr,
+        From::Lits => return import_lits(arguments, verbosity),
     };
     let checkpoint = import::import(&arguments.input, publisher, &arguments.descriptor)?;
     checkpoint.save(&arguments.output)?;
@@ -55,6 +62,18 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
             meta.descriptor.name,
             meta.descriptor.dim,
             meta.name
+        ))?;
+    }
+    Ok(Status::Success)
+}
+
+fn import_lits(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    let bytes = LitsWeights::import(&arguments.input)?.to_bytes()?;
+    io::atomic::write(&arguments.output, |out| out.write_all(&bytes))?;
+    if !verbosity.quiet {
+        terminal::print_line(&format!(
+            "{}: weights of LITS for the setting synchronization.lits_weights",
+            arguments.output.display()
         ))?;
     }
     Ok(Status::Success)

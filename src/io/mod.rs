@@ -18,6 +18,7 @@ mod las;
 mod lzf;
 mod npy;
 mod overlaps;
+pub mod pairs;
 mod pcd;
 mod pcd_header;
 mod ply;

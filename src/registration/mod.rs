@@ -14,6 +14,7 @@ pub mod meta_shape;
 pub mod nearest;
 mod neighbourhood;
 pub mod pairs;
+pub mod pairwise;
 pub mod refinement;
 pub mod scan_model;
 pub mod surface_fit;

@@ -3,6 +3,7 @@
 mod cloud;
 mod depth;
 mod features;
+mod pose_graph;
 mod reconstruction;
 mod similarity;
 mod surface;
@@ -11,6 +12,7 @@ mod truth;
 pub use cloud::{PointCloud, Scan, ScanId};
 pub use depth::{DepthImage, Intrinsics};
 pub use features::{Descriptors, Features};
+pub use pose_graph::{PairKey, PairRegistration, PoseEdge, PoseGraph};
 pub use reconstruction::{DeclineReason, NeighbourEvidence, Outcome, Placement, Reconstruction, Support};
 pub use similarity::SimilarityMatrix;
 pub use surface::Surface;

@@ -95,6 +95,13 @@ pub enum DeclineReason {
         /// Probability that would have been needed, in `[0, 1]`.
         needed: f64,
     },
+    /// Its registrations with single scans were all left out of the pose graph.
+    Pruned {
+        /// Inliers of the best of them.
+        inliers: usize,
+        /// Its median distance over the overlap, metres.
+        median_distance_m: f64,
+    },
     /// It has too few keypoints to be registered at all.
     TooFewKeypoints {
         /// Keypoints found.
@@ -125,6 +132,10 @@ impl std::fmt::Display for DeclineReason {
                 support.runner_up,
                 support.overlap,
                 support.normal_agreement,
+            ),
+            DeclineReason::Pruned { inliers, median_distance_m } => write!(
+                f,
+                "no pair was kept: the best, of {inliers} inliers, has its surfaces {median_distance_m:.3} m apart"
             ),
             DeclineReason::TooFewKeypoints { keypoints, needed } => {
                 write!(f, "only {keypoints} keypoints, {needed} needed")

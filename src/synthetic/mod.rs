@@ -12,6 +12,7 @@ mod furniture;
 mod noise;
 mod pieces;
 mod plan;
+pub mod pose_graph;
 mod scene;
 mod shape;
 mod walk;
