@@ -40,6 +40,7 @@ pub mod report;
 pub mod retrieval;
 pub mod scan;
 pub mod synthetic;
+pub mod tensor_file;
 pub mod training;
 
 /// The examples of the README, compiled with the tests.

@@ -6,7 +6,7 @@ pub use features::{FeatureSource, read_features};
 
 use crate::config::Config;
 use crate::descriptor::scale::{self, ScaleWarning, WorkingScale};
-use crate::descriptor::{DescriptorKind, surface};
+use crate::descriptor::{Describer, DescriptorKind, surface};
 use crate::error::{Error, Result};
 use crate::monitor::Monitor;
 use crate::registration::incremental::{self, Lengths, ScanInput};
@@ -149,10 +149,18 @@ fn thin(scans: &[Scan], scale: &WorkingScale, monitor: &dyn Monitor) -> Result<V
 }
 
 /// What the descriptors of `features` mean; `None` when there is none.
-pub fn descriptor_tag(config: &Config, scale: &WorkingScale, features: &[Features]) -> Option<DescriptorTag> {
-    let dim = features.iter().map(|f| f.descriptors.dim()).find(|&d| d > 0)?;
+///
+/// # Errors
+/// Those of [`Describer::new`].
+pub fn descriptor_tag(
+    config: &Config,
+    scale: &WorkingScale,
+    features: &[Features],
+) -> Result<Option<DescriptorTag>> {
+    let Some(dim) = features.iter().map(|f| f.descriptors.dim()).find(|&d| d > 0) else { return Ok(None) };
     let name = config.descriptor.descriptor_name().to_owned();
-    Some(DescriptorTag { name, dim, settings_hash: config.descriptor.settings_hash(scale) })
+    let settings_hash = Describer::new(&config.descriptor)?.settings_hash(scale);
+    Ok(Some(DescriptorTag { name, dim, settings_hash }))
 }
 
 /// The trained head that the settings ask for, if it fits these features.
@@ -164,7 +172,7 @@ pub fn overlap_head(
     scale: &WorkingScale,
     features: &[Features],
 ) -> Result<Option<Checkpoint>> {
-    let Some(tag) = descriptor_tag(config, scale, features) else { return Ok(None) };
+    let Some(tag) = descriptor_tag(config, scale, features)? else { return Ok(None) };
     match &config.retrieval.checkpoint {
         // Files do not say which descriptor they hold; the dimension is checked where it is used.
         Some(path) if config.descriptor.kind == DescriptorKind::Precomputed => {

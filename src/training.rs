@@ -156,7 +156,7 @@ fn described(
     let PosedScans { name, scans, world_from_scan } = posed;
     let config = recipe.features();
     let described = pipeline::describe(&scans, &config, source, monitor)?;
-    let Some(tag) = pipeline::descriptor_tag(&config, &described.scale, &described.features) else {
+    let Some(tag) = pipeline::descriptor_tag(&config, &described.scale, &described.features)? else {
         return Err(Error::input(
             format!("scene {name}"),
             "no keypoint in any scan",

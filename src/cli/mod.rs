@@ -4,6 +4,7 @@
 mod completions;
 mod config;
 mod demo;
+mod describe;
 mod evaluate;
 mod evaluate_retrieval;
 mod import_weights;
@@ -53,6 +54,7 @@ pub struct Verbosity {
 enum Command {
     Register(register::Arguments),
     Demo(demo::Arguments),
+    Describe(describe::Arguments),
     Evaluate(evaluate::Arguments),
     EvaluateRetrieval(evaluate_retrieval::Arguments),
     Train(train::Arguments),
@@ -68,6 +70,7 @@ pub fn run(cli: Cli) -> anyhow::Result<Status> {
     match cli.command {
         Command::Register(arguments) => register::run(arguments, &cli.verbosity),
         Command::Demo(arguments) => demo::run(arguments, &cli.verbosity),
+        Command::Describe(arguments) => describe::run(&arguments, &cli.verbosity),
         Command::Evaluate(arguments) => evaluate::run(arguments, &cli.verbosity),
         Command::EvaluateRetrieval(arguments) => evaluate_retrieval::run(arguments, &cli.verbosity),
         Command::Train(arguments) => train::run(arguments, &cli.verbosity),
