@@ -132,7 +132,7 @@ fn check_scans(scans: &[Scan]) -> Result<()> {
     Err(Error::input("inputs", found, "at least two scans to register with each other", "name more scans"))
 }
 
-fn thin(scans: &[Scan], scale: &WorkingScale, monitor: &dyn Monitor) -> Result<Vec<Surface>> {
+pub(crate) fn thin(scans: &[Scan], scale: &WorkingScale, monitor: &dyn Monitor) -> Result<Vec<Surface>> {
     const STAGE: &str = "surfaces";
     monitor.begin(STAGE, scans.len());
     let surfaces: Vec<Result<Surface>> = scans

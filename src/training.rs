@@ -1,6 +1,7 @@
 //! From a training recipe to training data: posed scans of every kind, through the same stages as
 //! a registration.
 
+pub mod descriptor;
 mod entries;
 mod fragments;
 
@@ -65,18 +66,7 @@ impl Recipe {
         self.train.validate()?;
         self.scale.validate()?;
         self.descriptor.validate()?;
-        self.rgbd.iter().try_for_each(RgbdEntry::validate)?;
-        self.synth.iter().try_for_each(SynthEntry::validate)?;
-        let splits = self.scenes.iter().map(|e| e.split).chain(self.rgbd.iter().map(|e| e.split));
-        if splits.chain(self.synth.iter().map(|e| e.split)).any(|s| s == Split::Train) {
-            return Ok(());
-        }
-        Err(Error::setting(
-            "recipe",
-            "no training data",
-            "at least one [[scenes]], [[rgbd]] or [[synth]] table with split = \"train\"",
-            "add one",
-        ))
+        check_entries(&self.scenes, &self.rgbd, &self.synth)
     }
 
     /// As a TOML file that gives the same recipe back.
@@ -84,9 +74,7 @@ impl Recipe {
     /// # Errors
     /// [`Error::Setting`] for a value TOML has no spelling for (a path that is not UTF-8).
     pub fn to_toml(&self) -> Result<String> {
-        toml::to_string(self).map_err(|e| {
-            Error::setting("recipe", e.to_string(), "values that TOML can hold", "use plain UTF-8 paths")
-        })
+        recipe_toml(self)
     }
 
     /// The settings that a registration computes the same features with.
@@ -98,6 +86,53 @@ impl Recipe {
             ..Config::default()
         }
     }
+}
+
+/// Checks the data tables of a recipe.
+fn check_entries(scenes: &[ScenesEntry], rgbd: &[RgbdEntry], synth: &[SynthEntry]) -> Result<()> {
+    rgbd.iter().try_for_each(RgbdEntry::validate)?;
+    synth.iter().try_for_each(SynthEntry::validate)?;
+    let splits = scenes.iter().map(|e| e.split).chain(rgbd.iter().map(|e| e.split));
+    if splits.chain(synth.iter().map(|e| e.split)).any(|s| s == Split::Train) {
+        return Ok(());
+    }
+    Err(Error::setting(
+        "recipe",
+        "no training data",
+        "at least one [[scenes]], [[rgbd]] or [[synth]] table with split = \"train\"",
+        "add one",
+    ))
+}
+
+fn recipe_toml<T: Serialize>(recipe: &T) -> Result<String> {
+    toml::to_string(recipe).map_err(|e| {
+        Error::setting("recipe", e.to_string(), "values that TOML can hold", "use plain UTF-8 paths")
+    })
+}
+
+type Entries<'a> = (&'a [ScenesEntry], &'a [RgbdEntry], &'a [SynthEntry]);
+
+/// Hands every scene of the data tables to `take`, one after another.
+fn each_scene(
+    (scenes, rgbd, synth): Entries<'_>,
+    root: &Path,
+    monitor: &dyn Monitor,
+    mut take: impl FnMut(Split, PosedScans) -> Result<()>,
+) -> Result<()> {
+    for entry in scenes {
+        for folder in &entry.folders {
+            take(entry.split, entries::read_posed(&root.join(folder), monitor)?)?;
+        }
+    }
+    for entry in rgbd {
+        take(entry.split, fragments::fuse(entry, root, monitor)?)?;
+    }
+    for entry in synth {
+        for &seed in &entry.seeds {
+            take(entry.split, entry.generate(seed, monitor)?)?;
+        }
+    }
+    Ok(())
 }
 
 /// Scans of all scenes of a recipe, posed and described. Relative folders lie under `root`.
@@ -113,7 +148,7 @@ pub fn load(
 ) -> Result<TrainingData> {
     recipe.validate()?;
     let mut data = TrainingData::default();
-    let mut add = |split: Split, posed: PosedScans| -> Result<()> {
+    let add = |split: Split, posed: PosedScans| -> Result<()> {
         let (scene, tag) = described(posed, recipe, source, monitor)?;
         if data.descriptor.dim == 0 {
             data.descriptor = tag;
@@ -131,19 +166,7 @@ pub fn load(
         }
         Ok(())
     };
-    for entry in &recipe.scenes {
-        for folder in &entry.folders {
-            add(entry.split, entries::read_posed(&root.join(folder), monitor)?)?;
-        }
-    }
-    for entry in &recipe.rgbd {
-        add(entry.split, fragments::fuse(entry, root, monitor)?)?;
-    }
-    for entry in &recipe.synth {
-        for &seed in &entry.seeds {
-            add(entry.split, entry.generate(seed, monitor)?)?;
-        }
-    }
+    each_scene((&recipe.scenes, &recipe.rgbd, &recipe.synth), root, monitor, add)?;
     Ok(data)
 }
 

@@ -19,14 +19,17 @@
 mod checkpoint;
 pub mod import;
 mod inference;
+mod module;
 mod patch;
 mod product;
 mod sphere;
+pub mod train;
 mod weights;
 mod winograd;
 
 pub use checkpoint::{Checkpoint, LoadedNetwork, Meta};
 pub use inference::{Network, Workspace};
+pub use module::{MiniSpinNet, Mode};
 pub use patch::Patch;
 pub use weights::{Architecture, Weights};
 
@@ -82,3 +85,6 @@ pub fn descriptors(
     );
     values
 }
+
+#[cfg(test)]
+mod tests;
