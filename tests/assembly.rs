@@ -1,0 +1,212 @@
+//! Joining of components on synthetic interiors, whose true poses are known.
+
+use scanweave::config::Config;
+use scanweave::evaluation::pose_error::PoseError;
+use scanweave::geometry::RigidMotion;
+use scanweave::pipeline::{self, Described, FeatureSource, Stopwatch};
+use scanweave::registration::assembly::Assembly;
+use scanweave::registration::assessment::Assessor;
+use scanweave::registration::incremental::ScanInput;
+use scanweave::registration::pairs::{PairRegistration, most_similar_pairs};
+use scanweave::registration::scan_model::ScanModel;
+use scanweave::scan::{Reconstruction, Scan, ScanId, SimilarityMatrix};
+use scanweave::synthetic::{SynthConfig, generate};
+use scanweave::{Monitor, Silent};
+use std::sync::OnceLock;
+
+/// Scans of two interiors with nothing in common, the second's after the first's.
+struct TwoPlaces {
+    config: Config,
+    described: Described,
+    world_from_scan: Vec<RigidMotion>,
+    first: usize,
+}
+
+fn two_places() -> &'static TwoPlaces {
+    static PLACES: OnceLock<TwoPlaces> = OnceLock::new();
+    PLACES.get_or_init(|| {
+        let mut config = Config::default();
+        config.descriptor.keypoints.count = 1500;
+        let (mut scans, mut world_from_scan): (Vec<Scan>, Vec<RigidMotion>) = (Vec::new(), Vec::new());
+        let mut first = 0;
+        for seed in [11, 12] {
+            let set = generate(&SynthConfig { seed, rooms: 1, scans: 7, ..SynthConfig::default() }, &Silent).unwrap();
+            first = if seed == 11 { set.scans.len() } else { first };
+            scans.extend(set.scans);
+            world_from_scan.extend(set.world_from_scan);
+        }
+        for (k, scan) in scans.iter_mut().enumerate() {
+            (scan.id, scan.name) = (ScanId(k), format!("scan_{k}"));
+        }
+        let described = pipeline::describe(&scans, &config, &FeatureSource::Computed, &Silent).unwrap();
+        TwoPlaces { config, described, world_from_scan, first }
+    })
+}
+
+impl TwoPlaces {
+    fn register(&self, order: &[usize], config: &Config) -> Reconstruction {
+        let mut described = self.described.clone();
+        described.surfaces = order.iter().map(|&k| self.described.surfaces[k].clone()).collect();
+        described.features = order.iter().map(|&k| self.described.features[k].clone()).collect();
+        let mut clock = Stopwatch::default();
+        let (similarity, _) = pipeline::predict_overlap(&described, config, &Silent, &mut clock).unwrap();
+        pipeline::register_described(&described, &similarity, config, &Silent, &mut clock).unwrap()
+    }
+
+    /// Error of the relative pose of two scans, `None` where they are not in one component.
+    fn error(&self, r: &Reconstruction, order: &[usize], i: usize, j: usize) -> Option<PoseError> {
+        let truth = self.world_from_scan[order[i]].inverse() * self.world_from_scan[order[j]];
+        r.relative(ScanId(i), ScanId(j)).map(|found| PoseError::between(&found, &truth))
+    }
+}
+
+#[test]
+fn shuffled_scans_of_two_places_come_out_as_two_components() {
+    let places = two_places();
+    let n = places.world_from_scan.len();
+    // Taken in turn from either place.
+    let order: Vec<usize> = (0..n).map(|k| (k * 5) % n).collect();
+    let r = places.register(&order, &places.config);
+    let placed = r.placed();
+    assert!(placed + 2 >= n, "{placed} of {n}");
+    for i in 0..n {
+        for j in i + 1..n {
+            let same = (order[i] < places.first) == (order[j] < places.first);
+            match places.error(&r, &order, i, j) {
+                Some(error) => {
+                    assert!(same, "scans {i} and {j} are of different places");
+                    assert!(error.translation_m < 0.15 && error.rotation_deg < 4.0, "{i} {j} {error:?}");
+                }
+                None => {}
+            }
+        }
+    }
+    let joined = (0..n).flat_map(|i| (i + 1..n).map(move |j| (i, j)));
+    let joined = joined.filter(|&(i, j)| r.relative(ScanId(i), ScanId(j)).is_some()).count();
+    // Two components of all seven would be 42 pairs.
+    assert!(joined >= 30, "{joined}");
+}
+
+#[test]
+fn steps_and_parents_make_a_tree_and_probabilities_are_told() {
+    let places = two_places();
+    let order: Vec<usize> = (0..places.first).collect();
+    let r = places.register(&order, &places.config);
+    let mut steps = Vec::new();
+    for p in r.outcomes.iter().filter_map(|o| o.placement()).filter(|p| p.component == 0) {
+        steps.push(p.step);
+        assert_eq!(p.parent.is_none(), p.step == 0);
+        if let Some(parent) = p.parent {
+            assert!(r.outcomes[parent.0].placement().unwrap().step < p.step);
+            let support = p.support.unwrap();
+            assert!(support.parent_from_scan.is_some());
+            assert!(support.probability.is_some_and(|p| (0.5..=1.0).contains(&p)), "{support:?}");
+        }
+    }
+    steps.sort_unstable();
+    assert_eq!(steps, (0..steps.len()).collect::<Vec<_>>());
+}
+
+#[test]
+fn threads_do_not_change_a_bit() {
+    let places = two_places();
+    let order: Vec<usize> = (0..places.world_from_scan.len()).collect();
+    let with = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| places.register(&order, &places.config))
+    };
+    assert_eq!(with(1), with(3));
+}
+
+/// Everything an [`Assembly`] of the first place needs.
+fn with_assembly<T>(work: impl FnOnce(&Assessor<'_>, Vec<scanweave::registration::pairs::ScanPair>) -> T) -> T {
+    let places = two_places();
+    let described = &places.described;
+    let inputs: Vec<ScanInput<'_>> = described.features[..places.first]
+        .iter()
+        .zip(&described.surfaces)
+        .map(|(features, surface)| ScanInput { features, surface })
+        .collect();
+    let radius_m = described.scale.inlier_radius_m;
+    let models: Vec<ScanModel<'_>> =
+        inputs.iter().map(|i| ScanModel::new(i.surface, radius_m as f32, 400)).collect();
+    let config = &places.config.registration;
+    let assessor = Assessor { models: &models, config, radius_m };
+    let n = inputs.len();
+    let all: Vec<ScanId> = (0..n).map(ScanId).collect();
+    let flat = SimilarityMatrix::new(n, vec![0.5; n * n]).unwrap();
+    let pairs = PairRegistration::new(&inputs, &assessor, 0)
+        .register(&most_similar_pairs(&flat, &all, n), &Silent)
+        .unwrap();
+    work(&assessor, pairs)
+}
+
+#[test]
+fn a_review_moves_a_scan_that_stands_in_the_wrong_place() {
+    let places = two_places();
+    with_assembly(|assessor, pairs| {
+        let wrong = 2;
+        let members: Vec<(ScanId, RigidMotion)> = (0..places.first)
+            .map(|k| {
+                let off = if k == wrong { RigidMotion::translation(0.9, -0.4, 0.0) } else { RigidMotion::identity() };
+                (ScanId(k), off * places.world_from_scan[k])
+            })
+            .collect();
+        let mut assembly = Assembly::of_groups(assessor, vec![members]);
+        assembly.add_pairs(pairs);
+        assert!(assembly.review(&Silent).unwrap() >= 1);
+        let finished = assembly.finish();
+        let pose = |scan: usize| {
+            let mut all = finished.iter().flat_map(|(c, _)| &c.members);
+            all.find(|m| m.0 == ScanId(scan)).unwrap().1
+        };
+        let truth = places.world_from_scan[wrong];
+        // Taken out it would be at the identity, moved to the right place near the truth.
+        let error = PoseError::between(&pose(wrong), &truth);
+        assert!(error.translation_m < 0.15 && error.rotation_deg < 4.0, "{error:?}");
+        for k in (0..places.first).filter(|&k| k != wrong) {
+            assert_eq!(pose(k), places.world_from_scan[k], "scan {k} was right where it stood");
+        }
+    });
+}
+
+#[test]
+fn two_halves_join_at_the_true_relative_pose() {
+    let places = two_places();
+    with_assembly(|assessor, pairs| {
+        let shifted = RigidMotion::new([2.0, 1.0, -0.5].into(), [0.1, 0.2, 1.0].into());
+        let member = |k: usize, frame: &RigidMotion| (ScanId(k), frame * places.world_from_scan[k]);
+        let half = places.first / 2;
+        let a = (0..half).map(|k| member(k, &RigidMotion::identity())).collect();
+        let b = (half..places.first).map(|k| member(k, &shifted)).collect();
+        let mut assembly = Assembly::of_groups(assessor, vec![a, b]);
+        assembly.add_pairs(pairs);
+        let join = assembly.best_join(&Silent).unwrap().unwrap();
+        assert!(join.probability() > 0.9, "{}", join.probability());
+        assembly.join(&join);
+        let finished = assembly.finish();
+        assert_eq!(finished.len(), 1);
+        let members = &finished[0].0.members;
+        let frame = members[0].1 * places.world_from_scan[members[0].0.0].inverse();
+        for (scan, pose) in members {
+            let error = PoseError::between(pose, &(frame * places.world_from_scan[scan.0]));
+            assert!(error.translation_m < 0.05 && error.rotation_deg < 1.0, "{scan} {error:?}");
+        }
+    });
+}
+
+#[test]
+fn a_cancelled_assembly_says_where_it_stopped() {
+    struct Stop;
+    impl Monitor for Stop {
+        fn cancelled(&self) -> bool {
+            true
+        }
+    }
+    let places = two_places();
+    let n = places.world_from_scan.len();
+    let similarity = SimilarityMatrix::new(n, vec![0.5; n * n]).unwrap();
+    let clock = &mut Stopwatch::default();
+    let stopped = pipeline::register_described(&places.described, &similarity, &places.config, &Stop, clock);
+    assert!(stopped.unwrap_err().to_string().starts_with("interrupted during registration"));
+}
