@@ -15,7 +15,8 @@ fn ply(c: &mut Criterion) {
     group.throughput(Throughput::Elements(POINTS as u64)).sample_size(20);
     for (name, colors) in [("xyz", None), ("xyz_rgb", Some(&colors[..]))] {
         let path = folder.path().join(format!("{name}.ply"));
-        write_ply(&path, &PlyCloud { points: &points, colors, scans: None }).expect("a written cloud");
+        write_ply(&path, &PlyCloud { points: &points, colors, ..PlyCloud::default() })
+            .expect("a written cloud");
         group.bench_function(name, |b| b.iter(|| read_cloud(&path).expect("a read cloud")));
     }
     group.finish();

@@ -1,162 +1,219 @@
-//! Fits the weights of the evidence model to attempts whose outcome is known.
+//! Fits the weights of the evidence model to relative poses whose truth is known.
 //!
-//! Usage: `cargo run --release --example evidence_calibration -- [--keypoints N]… SCENE…`
+//! Usage: `cargo run --release --example evidence_calibration -- [--keypoints N]… [--features DIR] SCENE…`
 //!
-//! Each SCENE is a folder of scans with true poses. For meta-shapes of 1 to 16 scans at
-//! their true poses, ten other scans of the scene and four of other scenes are
-//! registered against the meta-shape. An attempt is right when the scan belongs to the
-//! scene and its pose is within 10° and 6τ of the truth; attempts between that and 20°,
-//! 9τ are left out. Prints the fitted weights, and for every scene what weights fitted
-//! without it make of it: log loss, how often a probability above one half is right, and
-//! how the probabilities compare with the outcomes.
+//! Each SCENE is a folder of scans with true poses; features are computed, or read from
+//! `DIR/<scene>/<scan>.npz`. Scans are registered with the 25 most similar ones, two scans of every
+//! other place among them. Random groups of one to sixteen overlapping scans, at poses a little off the
+//! truth, are then compared as the registration does it. A proposed relative pose is right when it
+//! is within 5° and 3τ of the truth at the centre of the second group; what lies between that and
+//! 10°, 6τ is left out. Prints for every scene what weights fitted without it make of it (log loss,
+//! how often a probability above a threshold is right, reliability), and the weights for all.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Vector3};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 use scanweave::Silent;
 use scanweave::config::Config;
-use scanweave::descriptor::{keypoints, scale, surface};
-use scanweave::evaluation::pose_error::PoseError;
-use scanweave::geometry::RigidMotion;
-use scanweave::registration::config::{EvidenceWeights, RegistrationConfig};
+use scanweave::descriptor::keypoints;
+use scanweave::evaluation::ground_truth::overlap_matrix;
+use scanweave::geometry::{Point, RigidMotion};
+use scanweave::pipeline::{self, FeatureSource};
+use scanweave::registration::assembly::Assembly;
+use scanweave::registration::assessment::{Assessment, Assessor};
+use scanweave::registration::config::EvidenceWeights;
 use scanweave::registration::evidence::predictors;
-use scanweave::registration::growth::{Attempt, Growth};
 use scanweave::registration::incremental::{Lengths, ScanInput};
-use scanweave::scan::{DeclineReason, Features, ScanId, SimilarityMatrix, Support, Surface};
+use scanweave::registration::pairs::{PairRegistration, most_similar_pairs};
+use scanweave::registration::scan_model::ScanModel;
+use scanweave::retrieval::similarity_of;
+use scanweave::scan::{Features, ScanId, SimilarityMatrix, Surface};
+use std::path::{Path, PathBuf};
 
-/// Meta-shapes tried per scene and keypoint count.
-const META_SHAPES: usize = 10;
-/// Scans of the scene that are tried against each.
-const OWN: usize = 10;
-/// Scans of other scenes that are tried against each.
-const STRANGERS: usize = 4;
+/// Rounds of random groups per scene and keypoint count.
+const ROUNDS: usize = 8;
+/// Scans of every other scene that are compared with the scene.
+const STRANGERS: usize = 2;
+const PREDICTORS: usize = 8;
+
+type Failure = Box<dyn std::error::Error>;
 
 struct Scene {
     name: String,
     features: Vec<Features>,
     surfaces: Vec<Surface>,
     world_from_scan: Vec<RigidMotion>,
+    overlap: SimilarityMatrix,
     lengths: Lengths,
 }
 
+#[derive(Clone)]
 struct Example {
-    x: [f64; 6],
+    x: [f64; PREDICTORS],
     right: bool,
 }
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let (mut counts, mut folders) = (Vec::new(), Vec::new());
+fn main() -> Result<(), Failure> {
+    let (mut counts, mut folders, mut given) = (Vec::new(), Vec::new(), None);
     let mut arguments = std::env::args().skip(1);
     while let Some(a) = arguments.next() {
-        if a == "--keypoints" {
-            counts.push(arguments.next().ok_or("--keypoints needs a number")?.parse::<usize>()?);
-        } else {
-            folders.push(a);
+        match a.as_str() {
+            "--keypoints" => {
+                counts.push(arguments.next().ok_or("--keypoints needs a number")?.parse::<usize>()?)
+            }
+            "--features" => given = Some(PathBuf::from(arguments.next().ok_or("--features needs a folder")?)),
+            _ => folders.push(a),
         }
     }
     if counts.is_empty() {
         counts = vec![5000, 1000];
     }
-    let scenes = folders.iter().map(|f| read(f)).collect::<Result<Vec<_>, _>>()?;
-    let examples: Vec<Vec<Example>> = (0..scenes.len())
-        .map(|s| counts.iter().flat_map(|&count| attempts(&scenes, s, count)).collect())
-        .collect();
+    let scenes = folders.iter().map(|f| read(f, given.as_deref())).collect::<Result<Vec<_>, _>>()?;
+    let mut examples: Vec<Vec<Example>> = Vec::new();
+    for s in 0..scenes.len() {
+        let mut of_scene = Vec::new();
+        for &count in &counts {
+            of_scene.extend(compare(&scenes, s, count)?);
+        }
+        eprintln!("{}: {} proposals", scenes[s].name, of_scene.len());
+        examples.push(of_scene);
+    }
     for (held, scene) in scenes.iter().enumerate() {
         let rest = examples.iter().enumerate().filter(|e| e.0 != held).flat_map(|e| e.1);
         report(&scene.name, &examples[held], &fit(rest));
     }
-    let all: Vec<&Example> = examples.iter().flatten().collect();
-    let weights = fit(all.iter().copied());
-    report("all, on themselves", &examples.into_iter().flatten().collect::<Vec<_>>(), &weights);
-    let [constant, ln_inliers, ln_lead, normal_agreement, plane_residual, overlap] = weights;
-    println!(
-        "{:#?}",
-        EvidenceWeights { constant, ln_inliers, ln_lead, normal_agreement, plane_residual, overlap }
-    );
+    let weights = fit(examples.iter().flatten());
+    report("all, on themselves", &examples.concat(), &weights);
+    println!("{:#?}", EvidenceWeights::from_array(weights));
     Ok(())
 }
 
-fn read(folder: &str) -> Result<Scene, Box<dyn std::error::Error>> {
+fn read(folder: &str, given: Option<&Path>) -> Result<Scene, Failure> {
     let scene = scanweave::io::dataset::read_scene(folder)?;
     let truth = scene.world_from_scan.ok_or_else(|| format!("{folder}: no true poses"))?.value;
     let scans = scanweave::io::read_scans(&scene.scans, &Silent)?;
     let config = Config::default();
-    let clouds: Vec<_> = scans.iter().map(|s| &s.cloud).collect();
-    let scale = scale::choose(&config.scale, &clouds)?.scale;
-    let surfaces: Vec<Surface> = scans.iter().map(|s| surface::thin(&s.cloud, &scale)).collect();
-    let features = scans
-        .iter()
-        .zip(&surfaces)
-        .map(|(scan, surface)| scanweave::descriptor::describe(scan, surface, &scale, &config.descriptor, 0))
-        .collect::<Result<_, _>>()?;
+    let read = match given.map(|g| g.join(&scene.name)).filter(|g| g.is_dir()) {
+        Some(folder) => Some(pipeline::read_features(&folder, &scans, &Silent)?),
+        None => None,
+    };
+    let source = read.as_deref().map_or(FeatureSource::Computed, FeatureSource::Given);
+    let described = pipeline::describe(&scans, &config, &source, &Silent)?;
+    let scale = described.scale;
+    let views: Vec<&[Point]> = described.surfaces.iter().map(|s| s.points.as_slice()).collect();
+    let overlap = overlap_matrix(&views, &truth, scale.inlier_radius_m as f32)?;
     let lengths = Lengths { inlier_radius_m: scale.inlier_radius_m, voxel_m: scale.voxel_m };
-    Ok(Scene { name: scene.name, features, surfaces, world_from_scan: truth, lengths })
+    let (features, surfaces) = (described.features, described.surfaces);
+    Ok(Scene { name: scene.name, features, surfaces, world_from_scan: truth, overlap, lengths })
 }
 
-/// Labelled attempts against random meta-shapes of scene `s`.
-fn attempts(scenes: &[Scene], s: usize, count: usize) -> Vec<Example> {
+/// Scenes whose names agree up to the last dash may show the same place: no strangers.
+fn place(name: &str) -> &str {
+    name.rsplit_once('-').map_or(name, |n| n.0)
+}
+
+/// Labelled proposals between random groups of scene `s`, and between its scans and strangers.
+fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Failure> {
     let scene = &scenes[s];
     let n = scene.features.len();
     let mut rng = ChaCha8Rng::seed_from_u64(count as u64);
     rng.set_stream(s as u64);
+    let strangers: Vec<(usize, usize)> = (0..scenes.len())
+        .filter(|&o| place(&scenes[o].name) != place(&scene.name))
+        .flat_map(|o| (0..STRANGERS).map(move |_| o))
+        .map(|o| (o, rng.random_range(0..scenes[o].features.len())))
+        .collect();
+    let all = scene.features.iter().chain(strangers.iter().map(|&(o, i)| &scenes[o].features[i]));
+    let features: Vec<Features> = all.map(|f| keypoints::subsample(f, count, 0)).collect();
+    let surfaces: Vec<&Surface> =
+        scene.surfaces.iter().chain(strangers.iter().map(|&(o, i)| &scenes[o].surfaces[i])).collect();
+    let inputs: Vec<ScanInput<'_>> =
+        features.iter().zip(&surfaces).map(|(features, surface)| ScanInput { features, surface }).collect();
+    let config = Config::default();
+    let similarity = similarity_of(&features, &config.retrieval, None, 0, &Silent)?.0;
+    let radius_m = scene.lengths.inlier_radius_m;
+    let points = config.registration.evidence.points_per_scan;
+    let models: Vec<ScanModel<'_>> =
+        surfaces.par_iter().map(|s| ScanModel::new(s, radius_m as f32, points)).collect();
+    let assessor = Assessor { models: &models, config: &config.registration, radius_m };
+    let usable: Vec<ScanId> = (0..inputs.len()).map(ScanId).collect();
+    let pairs = most_similar_pairs(&similarity, &usable, config.registration.assembly.neighbours);
+    let pairs = PairRegistration::new(&inputs, &assessor, 0).register(&pairs, &Silent)?;
     let mut examples = Vec::new();
-    for _ in 0..META_SHAPES {
-        // Strangers follow the scene's own scans.
-        let strangers: Vec<(usize, usize)> = (0..if scenes.len() > 1 { STRANGERS } else { 0 })
-            .map(|_| {
-                let other = (s + rng.random_range(1..scenes.len())) % scenes.len();
-                (other, rng.random_range(0..scenes[other].features.len()))
-            })
-            .collect();
-        let own = scene.features.iter().chain(strangers.iter().map(|&(o, i)| &scenes[o].features[i]));
-        let features: Vec<Features> = own.map(|f| keypoints::subsample(f, count, 0)).collect();
-        let surfaces = scene.surfaces.iter().chain(strangers.iter().map(|&(o, i)| &scenes[o].surfaces[i]));
-        let inputs: Vec<ScanInput<'_>> = features
-            .iter()
-            .zip(surfaces)
-            .map(|(features, surface)| ScanInput { features, surface })
-            .collect();
-        let similarity =
-            SimilarityMatrix::new(inputs.len(), vec![0.0; inputs.len() * inputs.len()]).expect("square");
-        let config = RegistrationConfig::default();
-        let mut growth = Growth::new(&inputs, &similarity, &config, scene.lengths, 0);
-        let mut order: Vec<usize> = (0..n).collect();
-        order.shuffle(&mut rng);
-        let members = &order[..rng.random_range(1..=16usize.min(n - 1))];
-        growth.start_meta_shape(ScanId(members[0]));
-        let meta_from_world = scene.world_from_scan[members[0]].inverse();
-        for &m in &members[1..] {
-            let pose = meta_from_world * scene.world_from_scan[m];
-            growth.merge(&at_truth(ScanId(m), pose), pose);
+    for round in 0..ROUNDS {
+        let mut taken = vec![false; n];
+        // The first round compares scans alone, as a registration starts.
+        let most = if round == 0 { 1 } else { 16 };
+        let mut groups: Vec<Vec<(ScanId, RigidMotion)>> = Vec::new();
+        for _ in 0..if round == 0 { n } else { 6 } {
+            groups.push(random_group(scene, &mut taken, most, &mut rng));
         }
-        // The order is random: its next scans are a random choice of those left.
-        let own = order[members.len()..].iter().take(OWN).copied();
-        let tried: Vec<ScanId> = own.chain(n..inputs.len()).map(ScanId).collect();
-        for attempt in growth.register_pairwise(&tried) {
-            let right = match scene.world_from_scan.get(attempt.scan.0) {
-                None => Some(false),
-                Some(world) => judge(&attempt, &(meta_from_world * world), scene.lengths.inlier_radius_m),
-            };
-            if let (Some(right), true) = (right, attempt.support.inliers >= 3) {
-                examples.push(Example { x: predictors(&attempt.support), right });
+        groups.retain(|g| !g.is_empty());
+        let own = groups.len();
+        groups.extend((n..inputs.len()).map(|k| vec![(ScanId(k), RigidMotion::identity())]));
+        let mut assembly = Assembly::of_groups(&assessor, groups);
+        assembly.add_pairs(pairs.clone());
+        for (a, b, assessments) in assembly.assessments() {
+            if a.min(b) >= own {
+                continue;
+            }
+            // Poses of both groups are near the truth: the true motion is near the identity.
+            let related = a.max(b) < own;
+            for assessment in assessments {
+                let label =
+                    if related { judge(&assessment, assembly.centre(b), radius_m) } else { Some(false) };
+                if let (Some(right), true) = (label, assessment.support.inliers >= 3) {
+                    examples.push(Example { x: predictors(&assessment.support), right });
+                }
             }
         }
     }
-    examples
+    Ok(examples)
 }
 
-fn at_truth(scan: ScanId, world_from_scan: RigidMotion) -> Attempt {
-    let refusal: Option<DeclineReason> = None;
-    Attempt { scan, world_from_scan, support: Support::default(), residual_m: 0.0, parent: None, refusal }
+/// A group of up to `most` scans, each overlapping one before it, at poses a little off the truth.
+fn random_group(
+    scene: &Scene,
+    taken: &mut [bool],
+    most: usize,
+    rng: &mut ChaCha8Rng,
+) -> Vec<(ScanId, RigidMotion)> {
+    let free: Vec<usize> = (0..taken.len()).filter(|&i| !taken[i]).collect();
+    if free.is_empty() {
+        return Vec::new();
+    }
+    let off = |rng: &mut ChaCha8Rng, scale: f64| Vector3::from_fn(|_, _| rng.random_range(-scale..scale));
+    let radius_m = scene.lengths.inlier_radius_m;
+    // Errors add up from each scan to the one it was found by, as they do in a registration.
+    let first = free[rng.random_range(0..free.len())];
+    taken[first] = true;
+    let mut members = vec![(first, RigidMotion::identity())];
+    let size = rng.random_range(1..=most);
+    while members.len() < size {
+        let near = |m: usize, i: usize| scene.overlap.get(m, i) > 0.3;
+        let mut next: Vec<(usize, RigidMotion)> = (0..taken.len())
+            .filter(|&i| !taken[i])
+            .filter_map(|i| members.iter().find(|m| near(m.0, i)).map(|m| (i, m.1)))
+            .collect();
+        next.shuffle(rng);
+        let Some(&(i, error)) = next.first() else { break };
+        taken[i] = true;
+        let centre = scene.world_from_scan[i].translation;
+        let wrong = centre * RigidMotion::new(off(rng, 0.35 * radius_m), off(rng, 0.012)) * centre.inverse();
+        members.push((i, wrong * error));
+    }
+    members.into_iter().map(|(i, error)| (ScanId(i), error * scene.world_from_scan[i])).collect()
 }
 
-fn judge(attempt: &Attempt, truth: &RigidMotion, radius_m: f64) -> Option<bool> {
-    let error = PoseError::between(&attempt.world_from_scan, truth);
-    let within = |deg: f64, radii: f64| error.rotation_deg <= deg && error.translation_m <= radii * radius_m;
-    if within(10.0, 6.0) {
+fn judge(assessment: &Assessment, centre: nalgebra::Point3<f64>, radius_m: f64) -> Option<bool> {
+    let turned = assessment.a_from_b.rotation.angle().to_degrees();
+    let moved = (assessment.a_from_b * centre - centre).norm();
+    let within = |deg: f64, radii: f64| turned <= deg && moved <= radii * radius_m;
+    if within(5.0, 3.0) {
         Some(true)
-    } else if within(20.0, 9.0) {
+    } else if within(10.0, 6.0) {
         None
     } else {
         Some(false)
@@ -164,11 +221,12 @@ fn judge(attempt: &Attempt, truth: &RigidMotion, radius_m: f64) -> Option<bool> 
 }
 
 /// Logistic regression by Newton's method with a light ridge.
-fn fit<'a>(examples: impl Iterator<Item = &'a Example>) -> [f64; 6] {
+fn fit<'a>(examples: impl Iterator<Item = &'a Example>) -> [f64; PREDICTORS] {
     let examples: Vec<&Example> = examples.collect();
-    let mut w = DVector::<f64>::zeros(6);
+    let mut w = DVector::<f64>::zeros(PREDICTORS);
     for _ in 0..50 {
-        let (mut gradient, mut hessian) = (&w * 0.01, DMatrix::<f64>::identity(6, 6) * 0.01);
+        let (mut gradient, mut hessian) =
+            (&w * 0.01, DMatrix::<f64>::identity(PREDICTORS, PREDICTORS) * 0.01);
         for e in &examples {
             let x = DVector::from_row_slice(&e.x);
             let p = 1.0 / (1.0 + (-w.dot(&x)).exp());
@@ -183,7 +241,7 @@ fn fit<'a>(examples: impl Iterator<Item = &'a Example>) -> [f64; 6] {
     std::array::from_fn(|i| w[i])
 }
 
-fn report(name: &str, examples: &[Example], weights: &[f64; 6]) {
+fn report(name: &str, examples: &[Example], weights: &[f64; PREDICTORS]) {
     let judged: Vec<(f64, bool)> = examples
         .iter()
         .map(|e| {
@@ -195,8 +253,8 @@ fn report(name: &str, examples: &[Example], weights: &[f64; 6]) {
     let loss: f64 =
         judged.iter().map(|&(p, r)| -(if r { p } else { 1.0 - p }).max(1e-12).ln()).sum::<f64>() / n;
     let right = judged.iter().filter(|j| j.1).count();
-    println!("{name}: {} attempts, {right} right, log loss {loss:.3}", judged.len());
-    for threshold in [0.5, 0.9, 0.95] {
+    println!("{name}: {} proposals, {right} right, log loss {loss:.3}", judged.len());
+    for threshold in [0.5, 0.8, 0.9, 0.95, 0.99] {
         let accepted: Vec<bool> = judged.iter().filter(|j| j.0 >= threshold).map(|j| j.1).collect();
         let wrong = accepted.iter().filter(|r| !**r).count();
         println!(

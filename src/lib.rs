@@ -32,15 +32,19 @@ pub mod config;
 pub mod descriptor;
 pub mod error;
 pub mod evaluation;
+pub mod fusion;
 pub mod geometry;
 pub mod io;
 pub mod monitor;
 pub mod pipeline;
+pub mod preparation;
 pub mod registration;
 pub mod report;
 pub mod retrieval;
 pub mod scan;
+pub mod synchronization;
 pub mod synthetic;
+pub mod tensor_file;
 pub mod training;
 
 /// The examples of the README, compiled with the tests.

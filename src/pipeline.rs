@@ -1,18 +1,20 @@
 //! From scans to a reconstruction: every stage in order, each timed.
 
 mod features;
+mod pairs;
 
 pub use features::{FeatureSource, read_features};
+pub use pairs::PairCache;
 
 use crate::config::Config;
 use crate::descriptor::scale::{self, ScaleWarning, WorkingScale};
-use crate::descriptor::{DescriptorKind, surface};
+use crate::descriptor::{Describer, DescriptorKind, surface};
 use crate::error::{Error, Result};
 use crate::monitor::Monitor;
 use crate::registration::incremental::{self, Lengths, ScanInput};
 use crate::report::run::StageTime;
 use crate::retrieval::{self, Checkpoint, DescriptorTag, HeadChoice, HeadOrigin, SimilaritySource, shipped};
-use crate::scan::{Features, PointCloud, Reconstruction, Scan, SimilarityMatrix, Surface};
+use crate::scan::{Features, PointCloud, PoseGraph, Reconstruction, Scan, SimilarityMatrix, Surface};
 use rayon::prelude::*;
 use std::time::Instant;
 
@@ -33,13 +35,16 @@ pub struct Run {
     pub similarity: SimilarityMatrix,
     /// Where the head that predicted it came from.
     pub head: HeadOrigin,
+    /// The registered pairs, for methods that register pairs first.
+    pub pose_graph: Option<PoseGraph>,
     /// The verdict on every scan.
     pub reconstruction: Reconstruction,
     /// Time each stage took.
     pub timings: Vec<StageTime>,
 }
 
-/// Registers `scans` (at least two): scale → surfaces → features → similarity → growth.
+/// Registers `scans` (at least two): scale → surfaces → features → similarity → growth, or
+/// pairs and synchronisation. Pairs are cached beside features.
 ///
 /// # Errors
 /// Unusable scans, settings or features, or the user asked to stop.
@@ -49,12 +54,31 @@ pub fn run(
     source: &FeatureSource<'_>,
     monitor: &dyn Monitor,
 ) -> Result<Run> {
+    let pairs = match source {
+        FeatureSource::Cached(folder) => PairCache::in_folder(folder),
+        FeatureSource::Computed | FeatureSource::Given(_) => PairCache::in_memory(),
+    };
+    run_with_pairs(scans, config, source, &pairs, monitor)
+}
+
+/// [`run`] with a cache of pairs that several runs may share.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_with_pairs(
+    scans: &[Scan],
+    config: &Config,
+    source: &FeatureSource<'_>,
+    pairs: &PairCache,
+    monitor: &dyn Monitor,
+) -> Result<Run> {
     check_scans(scans)?;
     config.validate()?;
     let mut clock = Stopwatch::default();
     let described = describe_timed(scans, config, source, monitor, &mut clock)?;
     let (similarity, head) = predict_overlap(&described, config, monitor, &mut clock)?;
-    let reconstruction = register_described(&described, &similarity, config, monitor, &mut clock)?;
+    let registered = register_with_pairs(&described, &similarity, config, pairs, monitor, &mut clock)?;
+    let Registered { pose_graph, reconstruction } = registered;
     let Described { scale, warnings, surfaces, features, reused } = described;
     Ok(Run {
         scale,
@@ -64,6 +88,7 @@ pub fn run(
         reused,
         similarity,
         head,
+        pose_graph,
         reconstruction,
         timings: clock.stages,
     })
@@ -86,6 +111,15 @@ pub fn predict_overlap(
     })
 }
 
+/// What the last stage makes.
+#[derive(Debug)]
+pub struct Registered {
+    /// The registered pairs, for methods that register pairs first.
+    pub pose_graph: Option<PoseGraph>,
+    /// The verdict on every scan.
+    pub reconstruction: Reconstruction,
+}
+
 /// The stage "registration" of [`run`].
 ///
 /// # Errors
@@ -97,12 +131,37 @@ pub fn register_described(
     monitor: &dyn Monitor,
     clock: &mut Stopwatch,
 ) -> Result<Reconstruction> {
+    let pairs = PairCache::in_memory();
+    let registered = register_with_pairs(described, similarity, config, &pairs, monitor, clock)?;
+    Ok(registered.reconstruction)
+}
+
+/// [`register_described`] with pairs that several runs may share, and the pose graph.
+///
+/// # Errors
+/// Shapes or settings that cannot be used, or the user asked to stop.
+pub fn register_with_pairs(
+    described: &Described,
+    similarity: &SimilarityMatrix,
+    config: &Config,
+    pairs: &PairCache,
+    monitor: &dyn Monitor,
+    clock: &mut Stopwatch,
+) -> Result<Registered> {
+    let Described { scale, surfaces, features, .. } = described;
+    let lengths = Lengths { inlier_radius_m: scale.inlier_radius_m, voxel_m: scale.voxel_m };
     clock.time("registration", || {
-        let Described { scale, surfaces, features, .. } = described;
-        let pairs = features.iter().zip(surfaces);
-        let inputs: Vec<_> = pairs.map(|(features, surface)| ScanInput { features, surface }).collect();
-        let lengths = Lengths { inlier_radius_m: scale.inlier_radius_m, voxel_m: scale.voxel_m };
-        incremental::register(&inputs, similarity, &config.registration, lengths, config.seed, monitor)
+        let scans = features.iter().zip(surfaces);
+        let inputs: Vec<_> = scans.map(|(features, surface)| ScanInput { features, surface }).collect();
+        let Some(method) = config.method.synchronization() else {
+            let settings = &config.registration;
+            let reconstruction =
+                incremental::register(&inputs, similarity, settings, lengths, config.seed, monitor)?;
+            return Ok(Registered { pose_graph: None, reconstruction });
+        };
+        let (graph, reconstruction) =
+            pairs::synchronize(&inputs, similarity, method, config, lengths, pairs, monitor)?;
+        Ok(Registered { pose_graph: Some(graph), reconstruction })
     })
 }
 
@@ -161,7 +220,7 @@ fn check_scans(scans: &[Scan]) -> Result<()> {
     Err(Error::input("inputs", found, "at least two scans to register with each other", "name more scans"))
 }
 
-fn thin(scans: &[Scan], scale: &WorkingScale, monitor: &dyn Monitor) -> Result<Vec<Surface>> {
+pub(crate) fn thin(scans: &[Scan], scale: &WorkingScale, monitor: &dyn Monitor) -> Result<Vec<Surface>> {
     const STAGE: &str = "surfaces";
     monitor.begin(STAGE, scans.len());
     let surfaces: Vec<Result<Surface>> = scans
@@ -178,10 +237,18 @@ fn thin(scans: &[Scan], scale: &WorkingScale, monitor: &dyn Monitor) -> Result<V
 }
 
 /// What the descriptors of `features` mean; `None` when there is none.
-pub fn descriptor_tag(config: &Config, scale: &WorkingScale, features: &[Features]) -> Option<DescriptorTag> {
-    let dim = features.iter().map(|f| f.descriptors.dim()).find(|&d| d > 0)?;
+///
+/// # Errors
+/// Those of [`Describer::new`].
+pub fn descriptor_tag(
+    config: &Config,
+    scale: &WorkingScale,
+    features: &[Features],
+) -> Result<Option<DescriptorTag>> {
+    let Some(dim) = features.iter().map(|f| f.descriptors.dim()).find(|&d| d > 0) else { return Ok(None) };
     let name = config.descriptor.descriptor_name().to_owned();
-    Some(DescriptorTag { name, dim, settings_hash: config.descriptor.settings_hash(scale) })
+    let settings_hash = Describer::new(&config.descriptor)?.settings_hash(scale);
+    Ok(Some(DescriptorTag { name, dim, settings_hash }))
 }
 
 /// The trained head that the settings ask for, if it fits these features.
@@ -193,7 +260,7 @@ pub fn overlap_head(
     scale: &WorkingScale,
     features: &[Features],
 ) -> Result<Option<Checkpoint>> {
-    let Some(tag) = descriptor_tag(config, scale, features) else { return Ok(None) };
+    let Some(tag) = descriptor_tag(config, scale, features)? else { return Ok(None) };
     match &config.retrieval.checkpoint {
         // Files do not say which descriptor they hold; the dimension is checked where it is used.
         Some(path) if config.descriptor.kind == DescriptorKind::Precomputed => {

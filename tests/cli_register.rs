@@ -136,3 +136,30 @@ fn completions_and_man_pages_know_the_subcommands() {
     scanweave().args(["man", "-o"]).arg(place.path()).assert().success();
     assert!(names(place.path()).contains(&"scanweave-register.1".to_owned()));
 }
+
+#[test]
+fn a_global_method_is_chosen_by_a_flag_and_says_what_it_needs() {
+    let place = folder();
+    let scans = synth(place.path(), 4);
+    let out = place.path().join("out");
+    register(&scans, &out, &["--method", "sghr", "--graph", "full", "--json"]).success();
+    let report = json(out.join("report.json"));
+    assert_eq!(report["method"], "sghr");
+    assert_eq!(report["registered_pairs"], 6);
+    assert_eq!(report["placed"], 4);
+    let config = text(out.join("config.toml"));
+    assert!(config.contains("method = \"sghr\"") && config.contains("graph = \"full\""), "{config}");
+
+    register(&scans, &out, &["--method", "hara", "--graph", "full", "--force"])
+        .success()
+        .stdout(contains("pairs    6 registered").and(contains("kept for hara")));
+    let other = place.path().join("other");
+    register(&scans, &other, &["--method", "magic"])
+        .code(2)
+        .stderr(contains("`incremental`").and(contains("`pose-graph`")));
+    register(&scans, &other, &["--method", "lits"]).code(4).stderr(contains("synchronization.lits_weights"));
+    register(&scans, &other, &["--set", "synchronization.neighbours=0"])
+        .code(4)
+        .stderr(contains("synchronization.neighbours"));
+    assert!(!other.join("poses.json").exists());
+}

@@ -9,7 +9,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use scanweave::geometry::rigid::{rotation_error_rad, translation_error_m};
 use scanweave::geometry::{Direction, Point, RigidMotion};
-use scanweave::registration::config::{EstimatorKind, MergeRule, Ordering, RegistrationConfig};
+use scanweave::registration::config::{EstimatorKind, MergeRule, Ordering, RegistrationConfig, Strategy};
 use scanweave::registration::incremental::{Lengths, ScanInput, register};
 use scanweave::scan::{
     DeclineReason, Descriptors, Features, Outcome, Reconstruction, ScanId, SimilarityMatrix, Surface,
@@ -68,8 +68,11 @@ impl World {
                 .map(|v| v + rng.random_range(-0.1..0.1))
                 .collect();
             let d = Descriptors::new(DIM, values).unwrap().normalized();
-            self.surfaces
-                .push(Surface { normals: vec![Direction::zeros(); seen.len()], points: seen.clone() });
+            self.surfaces.push(Surface {
+                normals: vec![Direction::zeros(); seen.len()],
+                points: seen.clone(),
+                ..Surface::default()
+            });
             self.features.push(Features::new(seen, None, d).unwrap());
             self.world_from_scan.push(pose);
         }
@@ -106,6 +109,7 @@ impl World {
 fn without_joint_refinement() -> RegistrationConfig {
     // The made-up worlds are volumes of random points: they have no surface to refine on.
     let mut config = RegistrationConfig::default();
+    config.strategy = Strategy::Grow;
     config.joint.enabled = false;
     config.evidence.surfaces = false;
     config.evidence.min_inliers = 12;

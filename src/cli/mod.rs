@@ -5,10 +5,13 @@ mod benchmark;
 mod completions;
 mod config;
 mod demo;
+mod describe;
 mod diagnose;
 mod evaluate;
 mod evaluate_retrieval;
 mod evaluate_set;
+mod fuse;
+mod ground_truth;
 mod import_weights;
 mod interrupt;
 pub mod logging;
@@ -18,6 +21,7 @@ mod outcome;
 mod progress;
 mod register;
 mod result_folder;
+mod sample;
 mod status;
 mod synth;
 pub mod terminal;
@@ -56,6 +60,7 @@ pub struct Verbosity {
 enum Command {
     Register(register::Arguments),
     Demo(demo::Arguments),
+    Describe(describe::Arguments),
     Evaluate(evaluate::Arguments),
     Diagnose(diagnose::Arguments),
     EvaluateRetrieval(evaluate_retrieval::Arguments),
@@ -63,6 +68,9 @@ enum Command {
     Train(train::Arguments),
     ImportWeights(import_weights::Arguments),
     Synth(synth::Arguments),
+    Fuse(fuse::Arguments),
+    Sample(sample::Arguments),
+    GroundTruth(ground_truth::Arguments),
     Config(config::Arguments),
     Completions(completions::Arguments),
     Man(man::Arguments),
@@ -73,6 +81,7 @@ pub fn run(cli: Cli) -> anyhow::Result<Status> {
     match cli.command {
         Command::Register(arguments) => register::run(arguments, &cli.verbosity),
         Command::Demo(arguments) => demo::run(arguments, &cli.verbosity),
+        Command::Describe(arguments) => describe::run(&arguments, &cli.verbosity),
         Command::Evaluate(arguments) => evaluate::run(arguments, &cli.verbosity),
         Command::Diagnose(arguments) => diagnose::run(&arguments, &cli.verbosity),
         Command::EvaluateRetrieval(arguments) => evaluate_retrieval::run(arguments, &cli.verbosity),
@@ -80,6 +89,9 @@ pub fn run(cli: Cli) -> anyhow::Result<Status> {
         Command::Train(arguments) => train::run(arguments, &cli.verbosity),
         Command::ImportWeights(arguments) => import_weights::run(&arguments, &cli.verbosity),
         Command::Synth(arguments) => synth::run(arguments, &cli.verbosity),
+        Command::Fuse(arguments) => fuse::run(&arguments, &cli.verbosity),
+        Command::Sample(arguments) => sample::run(&arguments, &cli.verbosity),
+        Command::GroundTruth(arguments) => ground_truth::run(&arguments, &cli.verbosity),
         Command::Config(arguments) => config::run(arguments),
         Command::Completions(arguments) => completions::run(&arguments),
         Command::Man(arguments) => man::run(&arguments),

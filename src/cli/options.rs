@@ -3,6 +3,8 @@
 use anyhow::Context;
 use clap::Args;
 use scanweave::config::{self, Config, Layers};
+use serde::de::DeserializeOwned;
+use serde::de::value::{Error as ValueError, StrDeserializer};
 use std::path::PathBuf;
 
 /// Where settings come from; later ones win: preset, file, `--set`, flags.
@@ -39,6 +41,12 @@ impl SettingOptions {
         }
         Config::from_layers(&layers)
     }
+}
+
+/// A flag's value that is one of the words of a setting.
+pub fn word<T: DeserializeOwned>(text: &str) -> Result<T, String> {
+    // Serde's own message lists the words.
+    T::deserialize(StrDeserializer::<ValueError>::new(text)).map_err(|e| e.to_string())
 }
 
 /// How many threads work.

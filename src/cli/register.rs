@@ -1,23 +1,24 @@
 //! `scanweave register`.
 
-use super::options::{SettingOptions, ThreadOption};
+use super::options::{SettingOptions, ThreadOption, word};
 use super::progress::Progress;
 use super::result_folder::ResultFolder;
 use super::{Status, Verbosity, outcome, terminal};
 use clap::Args;
-use scanweave::config::Config;
+use scanweave::config::{Config, Method};
 use scanweave::descriptor::DescriptorKind;
-use scanweave::pipeline::{self, FeatureSource, Stopwatch};
+use scanweave::pipeline::{self, FeatureSource, PairCache, Stopwatch};
 use scanweave::scan::Scan;
+use scanweave::synchronization::GraphKind;
 use scanweave::{Error, io};
 use std::path::PathBuf;
 
 /// Register scans: poses with evidence, and one merged cloud.
 ///
 /// Writes poses.json, trajectory.log, merged.ply, config.toml and report.json into the output
-/// folder, and keeps features in its cache/ so that a second run is faster. Scans that cannot
-/// be placed are declined with a reason; the exit code is then still 0. It is 6, after
-/// everything is written, when no scan could be joined to another.
+/// folder, and keeps features and registered pairs in its cache/ so that a second run is faster.
+/// Scans that cannot be placed are declined with a reason; the exit code is then still 0. It is
+/// 6, after everything is written, when no scan could be joined to another.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Scan files, folders of them, globs, or @list.txt with one of these a line.
@@ -39,6 +40,14 @@ pub struct Arguments {
     /// Trained overlap head; the same as retrieval.checkpoint.
     #[arg(long, value_name = "FILE")]
     checkpoint: Option<PathBuf>,
+    /// How scans are registered: scan by scan, or all pairs first and then all poses at once; the
+    /// same as the setting method.
+    #[arg(long, value_name = "NAME", value_parser = word::<Method>)]
+    method: Option<Method>,
+    /// Pairs that a global method registers: full, pruned or sparse; the same as
+    /// synchronization.graph.
+    #[arg(long, value_name = "KIND", value_parser = word::<GraphKind>)]
+    graph: Option<GraphKind>,
     #[command(flatten)]
     threads: ThreadOption,
     #[command(flatten)]
@@ -65,7 +74,9 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
         None if config.output.feature_cache => FeatureSource::Cached(&cache),
         None => FeatureSource::Computed,
     };
-    let run = pipeline::run(&scans, &config, &source, &progress)?;
+    let pairs =
+        if config.output.feature_cache { PairCache::in_folder(&cache) } else { PairCache::in_memory() };
+    let run = pipeline::run_with_pairs(&scans, &config, &source, &pairs, &progress)?;
     outcome::warn(&run, &scans);
     let written = folder.write(&scans, &run, &config, clock, &progress)?;
 
@@ -82,6 +93,12 @@ fn effective_config(arguments: &Arguments) -> scanweave::Result<Config> {
     let mut config = arguments.settings.config()?;
     if let Some(checkpoint) = &arguments.checkpoint {
         config.retrieval.checkpoint = Some(checkpoint.clone());
+    }
+    if let Some(method) = arguments.method {
+        config.method = method;
+    }
+    if let Some(graph) = arguments.graph {
+        config.synchronization.graph = graph;
     }
     match (&arguments.features, config.descriptor.kind) {
         (Some(_), _) => config.descriptor.kind = DescriptorKind::Precomputed,

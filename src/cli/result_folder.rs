@@ -97,7 +97,12 @@ impl ResultFolder {
             let scan: Vec<i32> = cloud.scan.iter().map(|&s| s as i32).collect();
             io::write_ply(
                 self.path.join(numbered("merged", component, "ply")),
-                &io::PlyCloud { points: &cloud.points, colors: cloud.colors.as_deref(), scans: Some(&scan) },
+                &io::PlyCloud {
+                    points: &cloud.points,
+                    colors: cloud.colors.as_deref(),
+                    scans: Some(&scan),
+                    ..io::PlyCloud::default()
+                },
             )?;
             let poses: Vec<_> = placed_in(run, component).collect();
             io::poses::write_trajectory(self.path.join(numbered("trajectory", component, "log")), &poses)?;
@@ -153,6 +158,10 @@ fn report(scans: &[Scan], run: &Run, config: &Config, poses: &Document, clock: S
         threads: rayon::current_num_threads(),
         scale: run.scale,
         overlap_head: run.head.to_string(),
+        method: config.method.to_string(),
+        registered_pairs: run.pose_graph.as_ref().map(|g| g.registered_pairs),
+        pair_seconds: run.pose_graph.as_ref().map(|g| g.registration_seconds),
+        edges: run.pose_graph.as_ref().map(|g| g.edges.len()),
         placed: run.reconstruction.placed(),
         declined: scans.len() - run.reconstruction.placed(),
         components: run.reconstruction.components(),

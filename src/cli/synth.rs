@@ -7,12 +7,11 @@ use clap::Args;
 use scanweave::evaluation::ground_truth::{overlap_matrix, truth_of_pairs};
 use scanweave::geometry::Point;
 use scanweave::geometry::voxel::voxel_means;
-use scanweave::io::poses::{InfoEntry, LogEntry};
-use scanweave::scan::{PairTruth, SimilarityMatrix};
+use scanweave::io::write_dataset::{SceneWriter, write_benchmark, write_overlaps};
+use scanweave::scan::SimilarityMatrix;
 use scanweave::synthetic::{self, SynthConfig, SyntheticSet};
 use scanweave::{Error, io};
-use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Points within this of each other overlap, as in the 3DMatch benchmark's successors (metres).
 const OVERLAP_RADIUS_M: f32 = 0.07;
@@ -75,11 +74,11 @@ impl SceneOptions {
 pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
     let folder = &arguments.output;
     // Written last, so that it marks a whole set.
-    if folder.join("gt.log").exists() && !arguments.force {
+    let mark = folder.join("gt.log");
+    if mark.exists() && !arguments.force {
         return Err(Error::OutputExists { path: folder.clone() }.into());
     }
-    let clouds = folder.join("PointCloud");
-    std::fs::create_dir_all(&clouds).map_err(|e| Error::write(&clouds, e))?;
+    let writer = SceneWriter::begin(folder, arguments.force)?;
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;
     let config = arguments.scene.config();
@@ -90,8 +89,20 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
     let mut pairs = truth_of_pairs(&views, &set.world_from_scan, &overlap, &above, OVERLAP_RADIUS_M)?;
     // Poses in different buildings have nothing to do with each other.
     pairs.retain(|p| set.building[p.i.0] == set.building[p.j.0]);
-    write_scans(&clouds, &set)?;
-    write_truth(folder, set.scans.len(), &pairs, &overlap)?;
+    for (scan, pose) in set.scans.iter().zip(&set.world_from_scan) {
+        let colors = scan.cloud.colors.as_deref();
+        let cloud = io::PlyCloud { points: &scan.cloud.points, colors, ..io::PlyCloud::default() };
+        writer.add(scan.id.0, &cloud, pose, &format!("synthetic\t seed\t {0}\t {0}", scan.id))?;
+    }
+    if mark.exists() {
+        std::fs::remove_file(&mark).map_err(|e| Error::write(&mark, e))?;
+    }
+    writer.finish()?;
+    let numbers: Vec<usize> = (0..set.scans.len()).collect();
+    write_overlaps(&folder.join("gt_overlap.log"), &overlap, &numbers, |i, j| {
+        pairs.iter().any(|p| (p.i.0, p.j.0) == (i, j))
+    })?;
+    write_benchmark(folder, &pairs, &numbers)?;
     if !verbosity.quiet {
         let points: usize = set.scans.iter().map(|s| s.cloud.len()).sum();
         terminal::print_line(&format!(
@@ -104,44 +115,9 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
     Ok(Status::Success)
 }
 
-fn write_scans(folder: &Path, set: &SyntheticSet) -> scanweave::Result<()> {
-    for (scan, pose) in set.scans.iter().zip(&set.world_from_scan) {
-        let stem = format!("cloud_bin_{}", scan.id);
-        let colors = scan.cloud.colors.as_deref();
-        let cloud = io::PlyCloud { points: &scan.cloud.points, colors, scans: None };
-        io::write_ply(folder.join(format!("{stem}.ply")), &cloud)?;
-        io::atomic::write(&folder.join(format!("{stem}.info.txt")), |out| {
-            writeln!(out, "synthetic\t seed\t {}\t {}", scan.id, scan.id)?;
-            let matrix = pose.to_homogeneous();
-            (0..4).try_for_each(|r| {
-                let row: Vec<String> = (0..4).map(|c| format!("{:.17e}", matrix[(r, c)])).collect();
-                writeln!(out, "{}", row.join("\t"))
-            })
-        })?;
-    }
-    Ok(())
-}
-
 fn overlaps(set: &SyntheticSet) -> scanweave::Result<SimilarityMatrix> {
     let thinned: Vec<_> =
         set.scans.iter().map(|s| voxel_means(&s.cloud.points, 0.5 * OVERLAP_RADIUS_M)).collect();
     let views: Vec<&[Point]> = thinned.iter().map(Vec::as_slice).collect();
     overlap_matrix(&views, &set.world_from_scan, OVERLAP_RADIUS_M)
-}
-
-fn write_truth(
-    folder: &Path,
-    scans: usize,
-    pairs: &[PairTruth],
-    overlap: &SimilarityMatrix,
-) -> scanweave::Result<()> {
-    let log = pairs.iter().map(|p| LogEntry { i: p.i.0, j: p.j.0, n: scans, pose: p.i_from_j });
-    let info = pairs
-        .iter()
-        .filter_map(|p| Some(InfoEntry { i: p.i.0, j: p.j.0, n: scans, information: p.information? }));
-    io::atomic::write(&folder.join("gt_overlap.log"), |out| {
-        pairs.iter().try_for_each(|p| writeln!(out, "{},{},{:.4}", p.i, p.j, overlap.get(p.i.0, p.j.0)))
-    })?;
-    io::poses::write_info(folder.join("gt.info"), &info.collect::<Vec<_>>())?;
-    io::poses::write_log(folder.join("gt.log"), &log.collect::<Vec<_>>())
 }

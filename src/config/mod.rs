@@ -12,6 +12,7 @@ use crate::descriptor::scale::ScaleConfig;
 use crate::error::{Error, Result};
 use crate::registration::RegistrationConfig;
 use crate::retrieval::RetrievalConfig;
+use crate::synchronization::{self, SynchronizationConfig};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -24,6 +25,55 @@ pub const PRESETS: [(&str, &str); 2] = [
 /// The preset used unless another is asked for.
 pub const DEFAULT_PRESET: &str = "default";
 
+/// How scans are registered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// Scan by scan against a growing model (Li et al. 2025).
+    #[default]
+    Incremental,
+    /// Pairs first, then spectral synchronisation on SE(3) (Arrigoni et al. 2016).
+    Eigse3,
+    /// Pairs first, then rotation averaging with ℓ1 weights (Chatterjee & Govindu 2013).
+    L1Irls,
+    /// Pairs first, then rotation averaging with ℓ½ weights (Chatterjee & Govindu 2018).
+    Rotavg,
+    /// Pairs first, then the learned graph network of Yew & Lee (2021).
+    Lits,
+    /// Pairs first, then hierarchical rotation averaging (Lee & Civera 2022).
+    Hara,
+    /// Pairs first, then spectral rotations with history reweighting (Wang et al. 2023).
+    Sghr,
+    /// Pairs first, then robust optimisation of all poses.
+    PoseGraph,
+}
+
+impl Method {
+    /// The synchronisation method, for those that register pairs first.
+    pub fn synchronization(self) -> Option<synchronization::Method> {
+        use synchronization::Method as Global;
+        match self {
+            Method::Incremental => None,
+            Method::Eigse3 => Some(Global::Eigse3),
+            Method::L1Irls => Some(Global::L1Irls),
+            Method::Rotavg => Some(Global::Rotavg),
+            Method::Lits => Some(Global::Lits),
+            Method::Hara => Some(Global::Hara),
+            Method::Sghr => Some(Global::Sghr),
+            Method::PoseGraph => Some(Global::PoseGraph),
+        }
+    }
+}
+
+impl std::fmt::Display for Method {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.synchronization() {
+            Some(method) => method.fmt(f),
+            None => f.write_str("incremental"),
+        }
+    }
+}
+
 /// What is written.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
@@ -31,7 +81,7 @@ pub struct OutputConfig {
     /// Voxel to which merged.ply is thinned, metres; half of the working voxel where not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub merged_voxel_m: Option<f64>,
-    /// Whether features are kept in the output folder for the next run.
+    /// Whether features and registered pairs are kept in the output folder for the next run.
     pub feature_cache: bool,
 }
 
@@ -67,14 +117,19 @@ pub struct Config {
     pub preset: String,
     /// Seed of all randomness: same seed, same result, whatever the number of threads.
     pub seed: u64,
+    /// How scans are registered.
+    pub method: Method,
     /// Lengths, chosen from the scans where not given.
     pub scale: ScaleConfig,
     /// Keypoints and local descriptors.
     pub descriptor: DescriptorConfig,
     /// Prediction of overlap.
     pub retrieval: RetrievalConfig,
-    /// Incremental registration.
+    /// Incremental registration; its estimator also registers pairs, and its joint refinement
+    /// ends every method.
     pub registration: RegistrationConfig,
+    /// Pose graphs of the methods that register pairs first.
+    pub synchronization: SynchronizationConfig,
     /// What is written.
     pub output: OutputConfig,
 }
@@ -84,10 +139,12 @@ impl Default for Config {
         Self {
             preset: DEFAULT_PRESET.to_owned(),
             seed: 0,
+            method: Method::default(),
             scale: ScaleConfig::default(),
             descriptor: DescriptorConfig::default(),
             retrieval: RetrievalConfig::default(),
             registration: RegistrationConfig::default(),
+            synchronization: SynchronizationConfig::default(),
             output: OutputConfig::default(),
         }
     }
@@ -132,6 +189,7 @@ impl Config {
         self.descriptor.validate()?;
         self.retrieval.validate()?;
         self.registration.validate()?;
+        self.synchronization.validate()?;
         self.output.validate()
     }
 

@@ -206,7 +206,7 @@ mod tests {
         let r: Reference = serde_json::from_str(text).unwrap();
         let points = r.points.into_iter().map(Point::from).collect();
         let normals = r.normals.into_iter().map(Direction::from).collect();
-        (Surface { points, normals }, r.radius, r.fpfh)
+        (Surface { points, normals, viewpoint: Point::origin() }, r.radius, r.fpfh)
     }
 
     /// Histograms of the surface's own points, as Open3D has it.
@@ -230,7 +230,7 @@ mod tests {
     fn a_plane_fills_the_middle_bins_only() {
         // All normals e_z, all offsets in the plane: θ = α = φ = 0, the middle of eleven bins.
         let points: Vec<Point> = (0..25).map(|i| Point::new((i % 5) as f32, (i / 5) as f32, 0.0)).collect();
-        let surface = Surface { normals: vec![Direction::z(); 25], points };
+        let surface = Surface { normals: vec![Direction::z(); 25], points, ..Surface::default() };
         let values = own_histograms(&surface, 2.1, Weighting::InverseDistance);
         for (bin, v) in values[12 * DIMENSION..13 * DIMENSION].iter().enumerate() {
             let expected = if bin % BINS == 5 { 200.0 } else { 0.0 };
@@ -248,6 +248,7 @@ mod tests {
         let moved = Surface {
             points: mover.points(&surface.points),
             normals: surface.normals.iter().map(|n| mover.direction(n)).collect(),
+            ..Surface::default()
         };
         let of = |surface| own_histograms(surface, radius, Weighting::InverseDistance);
         let (a, b) = (of(&surface), of(&moved));
@@ -274,7 +275,8 @@ mod tests {
         // 90° about the line between them. By hand: the flat pair has α = 0, the middle bin;
         // the leaning one v = x̂ × ẑ up to sign = ŷ, so α = v·ŷ = 1, the last bin.
         let points = [[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [-2.0, 0.0, 0.0]].map(Point::from).to_vec();
-        let surface = Surface { points, normals: vec![Direction::z(), Direction::z(), Direction::y()] };
+        let normals = vec![Direction::z(), Direction::z(), Direction::y()];
+        let surface = Surface { points, normals, ..Surface::default() };
         for (weighting, share) in [(Weighting::InverseDistance, 0.5), (Weighting::InverseSquare, 0.25)] {
             let row = &own_histograms(&surface, 2.5, weighting)[..DIMENSION];
             // Own SPFH: half in either bin. The two neighbours do not see each other (d = 3):
@@ -289,7 +291,7 @@ mod tests {
     fn a_thinned_support_has_mean_points_and_normals() {
         let points = [[0.1f32, 0.1, 0.1], [0.3, 0.1, 0.1], [1.5, 0.5, 0.5], [1.5, 0.5, 0.6]].map(Point::from);
         let normals = vec![Direction::z(), Direction::x(), Direction::y(), -Direction::y()];
-        let thin = thinned(&Surface { points: points.to_vec(), normals }, 1.0);
+        let thin = thinned(&Surface { points: points.to_vec(), normals, ..Surface::default() }, 1.0);
         assert!((thin.points[0] - Point::new(0.2, 0.1, 0.1)).norm() < 1e-6);
         assert!((thin.normals[0] - Direction::new(0.5f32.sqrt(), 0.0, 0.5f32.sqrt())).norm() < 1e-6);
         assert_eq!(thin.normals[1], Direction::zeros());

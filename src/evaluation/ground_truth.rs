@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::geometry::neighbours::RadiusGrid;
-use crate::geometry::overlap::two_way_overlap;
+use crate::geometry::overlap::{Overlap, two_way_overlap};
 use crate::geometry::rigid::PointMover;
 use crate::geometry::{Point, RigidMotion};
 use crate::scan::{PairTruth, ScanId, SimilarityMatrix};
@@ -15,8 +15,18 @@ pub const MATCH_OVERLAP: Range<f64> = 0.3..f64::INFINITY;
 /// Overlaps of the 3DLoMatch benchmark's pairs: more than 0.1, at most 0.3.
 pub const LO_MATCH_OVERLAP: Range<f64> = 0.1..0.3;
 
-/// Two-way overlap within `radius_m` of every two posed point sets, `[N,N]`, as
-/// [`crate::geometry::overlap::two_way_overlap`] defines it. Parallel over pairs.
+/// Overlaps of every two posed point sets, `[N,N]` each.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Overlaps {
+    /// (points of i near j + points of j near i) / (|i| + |j|).
+    pub two_way: SimilarityMatrix,
+    /// Points of the first scan i < j near j / |i|: the overlap that the published
+    /// `gt_overlap.log` files hold and by which 3DMatch and 3DLoMatch are told apart (checked
+    /// against them; where scans differ in size it is far from the two-way one).
+    pub of_first: SimilarityMatrix,
+}
+
+/// The two-way overlaps of [`overlaps`].
 ///
 /// # Errors
 /// When the numbers of clouds and poses differ.
@@ -25,6 +35,14 @@ pub fn overlap_matrix(
     world_from_scan: &[RigidMotion],
     radius_m: f32,
 ) -> Result<SimilarityMatrix> {
+    Ok(overlaps(clouds, world_from_scan, radius_m)?.two_way)
+}
+
+/// Overlaps within `radius_m` of every two posed point sets. Parallel over pairs.
+///
+/// # Errors
+/// When the numbers of clouds and poses differ.
+pub fn overlaps(clouds: &[&[Point]], world_from_scan: &[RigidMotion], radius_m: f32) -> Result<Overlaps> {
     let n = clouds.len();
     if world_from_scan.len() != n {
         return Err(Error::input(
@@ -35,20 +53,23 @@ pub fn overlap_matrix(
         ));
     }
     let grids: Vec<RadiusGrid<'_>> = clouds.par_iter().map(|c| RadiusGrid::new(c, radius_m)).collect();
-    let values: Vec<f32> = (0..n * n)
+    let values: Vec<Overlap> = (0..n * n)
         .into_par_iter()
         .map(|at| {
             let (i, j) = (at / n, at % n);
             if i >= j {
-                return 0.0;
+                return Overlap::default();
             }
             let i_from_j = world_from_scan[i].inverse() * world_from_scan[j];
-            two_way_overlap(&grids[i], &grids[j], &i_from_j).ratio as f32
+            two_way_overlap(&grids[i], &grids[j], &i_from_j)
         })
         .collect();
-    // Only the upper half was computed.
-    let full = (0..n * n).map(|at| values[at].max(values[at % n * n + at / n])).collect();
-    SimilarityMatrix::new(n, full)
+    let matrix = |of: fn(&Overlap) -> f64| {
+        // Only the upper half was computed.
+        let mirrored = (0..n * n).map(|at| of(&values[at]).max(of(&values[at % n * n + at / n])) as f32);
+        SimilarityMatrix::new(n, mirrored.collect())
+    };
+    Ok(Overlaps { two_way: matrix(|o| o.ratio)?, of_first: matrix(|o| o.of_a)? })
 }
 
 /// Pairs `i < j` whose overlap is above the start of `overlaps` and not above its end,
@@ -161,6 +182,12 @@ mod tests {
         }
         assert!(positive >= 3);
         assert!(overlap_matrix(&views, &poses[..2], 0.1).is_err());
+        let (first, second) = (&clouds[0], &clouds[1][..100]);
+        let o = overlaps(&[first, second], &poses[..2], 0.1).unwrap().of_first.get(0, 1);
+        let grid = RadiusGrid::new(second, 0.1);
+        let near =
+            first.iter().filter(|p| grid.any(&(poses[1].inverse() * poses[0] * p.cast()).cast())).count();
+        assert!((f64::from(o) - near as f64 / first.len() as f64).abs() < 5e-3, "{o} {near}");
         assert_eq!(overlap_matrix(&[&[], &clouds[0]], &poses[..2], 0.1).unwrap().get(0, 1), 0.0);
     }
 

@@ -8,6 +8,7 @@ pub mod fit;
 pub mod neighbours;
 pub mod overlap;
 pub mod rigid;
+pub mod sparse;
 pub mod voxel;
 
 pub use neighbours::PointIndex;

@@ -9,6 +9,8 @@ use super::rigid::{PointMover, RigidMotion};
 pub struct Overlap {
     /// (points of `a` near `b` + points of `b` near `a`) / (|a| + |b|), in `[0, 1]`.
     pub ratio: f64,
+    /// Points of `a` near `b` / |a|.
+    pub of_a: f64,
     /// Root mean square distance of the counted points to their counterpart, metres.
     pub residual_m: f64,
 }
@@ -35,6 +37,7 @@ pub fn two_way_overlap(a: &RadiusGrid<'_>, b: &RadiusGrid<'_>, a_from_b: &RigidM
     let count = na + nb;
     Overlap {
         ratio: count as f64 / (a.points().len() + b.points().len()) as f64,
+        of_a: na as f64 / a.points().len() as f64,
         residual_m: if count == 0 { 0.0 } else { ((sa + sb) / count as f64).sqrt() },
     }
 }
@@ -53,6 +56,11 @@ mod tests {
         let o = two_way_overlap(&grid, &grid, &shift);
         assert!((o.ratio - 0.6).abs() < 1e-12);
         assert!((o.residual_m - 0.1).abs() < 1e-6);
+        assert!((o.of_a - 0.6).abs() < 1e-12);
+        // All of a shorter row lies on the longer one, and half of the longer on the shorter.
+        let (short, still) = (RadiusGrid::new(&row[..5], 0.2), RigidMotion::identity());
+        assert_eq!(two_way_overlap(&short, &grid, &still).of_a, 1.0);
+        assert_eq!(two_way_overlap(&grid, &short, &still).of_a, 0.5);
         let back = two_way_overlap(&grid, &grid, &shift.inverse());
         assert_eq!(o.ratio, back.ratio);
         let far = RigidMotion::new(Vector3::new(0.0, 50.0, 0.0), Vector3::zeros());

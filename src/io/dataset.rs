@@ -19,6 +19,21 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// True `world_from_scan` of each scan of the scene, which was read from `folder`.
+    ///
+    /// # Errors
+    /// [`Error::File`] naming the folder where it has none.
+    pub fn true_poses(&self, folder: &Path) -> Result<&Repaired<Vec<RigidMotion>>> {
+        self.world_from_scan.as_ref().ok_or_else(|| {
+            Error::file(
+                folder,
+                "scans without true poses",
+                "a pose file beside each scan, poses/, poses.txt or one .conf",
+                "add the poses or leave the folder out",
+            )
+        })
+    }
+
     /// The number at the end of each scan's stem (`cloud_bin_12` → 12), by which `gt.log` calls it.
     pub fn numbers(&self) -> Vec<Option<usize>> {
         self.scans.iter().map(|p| number_of(p)).collect()

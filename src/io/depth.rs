@@ -3,7 +3,7 @@
 use super::assemble::{NO_COLORS, assemble};
 use super::scalar::parse_number;
 use crate::error::{Error, Result};
-use crate::scan::PointCloud;
+use crate::scan::{self, PointCloud};
 use std::fs;
 use std::io::Cursor;
 use std::path::Path;
@@ -67,6 +67,25 @@ impl DepthImage {
         };
         Ok(assemble(self.values.len(), at, NO_COLORS, None))
     }
+
+    /// The image in metres with its camera; `depth_scale` is in units a metre.
+    pub fn to_metric(&self, intrinsics: &Intrinsics, depth_scale: f32) -> scan::DepthImage {
+        let Intrinsics { fx, fy, cx, cy } = *intrinsics;
+        let metres = |d: &u16| if matches!(*d, 0 | u16::MAX) { 0.0 } else { f32::from(*d) / depth_scale };
+        scan::DepthImage {
+            intrinsics: scan::Intrinsics { width: self.width, height: self.height, fx, fy, cx, cy },
+            depth_m: self.values.iter().map(metres).collect(),
+        }
+    }
+}
+
+/// Reads a 16-bit depth PNG in millimetres, with the intrinsics found beside it.
+///
+/// # Errors
+/// Those of [`read_depth_png`] and [`find_intrinsics`].
+pub fn read_frame(path: impl AsRef<Path>) -> Result<scan::DepthImage> {
+    let intrinsics = find_intrinsics(path.as_ref())?;
+    Ok(read_depth_png(path)?.to_metric(&intrinsics, UNITS_PER_M))
 }
 
 /// Reads a 16-bit greyscale PNG.

@@ -18,13 +18,16 @@ mod las;
 mod lzf;
 mod npy;
 mod overlaps;
+pub mod pairs;
 mod pcd;
+mod pcd_header;
 mod ply;
 mod ply_header;
 pub mod poses;
 mod scalar;
 mod scans;
 mod text;
+pub mod write_dataset;
 mod write_ply;
 
 pub use cloud::read_cloud;

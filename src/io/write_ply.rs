@@ -2,7 +2,7 @@
 
 use super::atomic;
 use crate::error::{Error, Result};
-use crate::geometry::Point;
+use crate::geometry::{Direction, Point};
 use std::io::Write;
 use std::path::Path;
 
@@ -11,19 +11,26 @@ use std::path::Path;
 pub struct PlyCloud<'a> {
     /// `[n,3]`, metres.
     pub points: &'a [Point],
+    /// `[n,3]` unit normals.
+    pub normals: Option<&'a [Direction]>,
     /// `[n]` sRGB colours.
     pub colors: Option<&'a [[u8; 3]]>,
     /// `[n]` number of the scan a point comes from.
     pub scans: Option<&'a [i32]>,
 }
 
-/// Writes binary little-endian PLY: `float x y z`, then, where given, `uchar red green blue` and `int scan`.
+/// Writes binary little-endian PLY: `float x y z`, then, where given, `float nx ny nz`,
+/// `uchar red green blue` and `int scan`.
 ///
 /// # Errors
 /// [`Error::Input`] when lengths differ, [`Error::Write`].
 pub fn write_ply(path: impl AsRef<Path>, cloud: &PlyCloud<'_>) -> Result<()> {
     let n = cloud.points.len();
-    let lengths = [("colours", cloud.colors.map(<[_]>::len)), ("scan numbers", cloud.scans.map(<[_]>::len))];
+    let lengths = [
+        ("normals", cloud.normals.map(<[_]>::len)),
+        ("colours", cloud.colors.map(<[_]>::len)),
+        ("scan numbers", cloud.scans.map(<[_]>::len)),
+    ];
     for (what, length) in lengths {
         if let Some(length) = length.filter(|&l| l != n) {
             let expected = format!("{n}, one for each point");
@@ -33,6 +40,9 @@ pub fn write_ply(path: impl AsRef<Path>, cloud: &PlyCloud<'_>) -> Result<()> {
     atomic::write(path.as_ref(), |w| {
         write!(w, "ply\nformat binary_little_endian 1.0\ncomment lengths in metres\nelement vertex {n}\n")?;
         write!(w, "property float x\nproperty float y\nproperty float z\n")?;
+        if cloud.normals.is_some() {
+            write!(w, "property float nx\nproperty float ny\nproperty float nz\n")?;
+        }
         if cloud.colors.is_some() {
             write!(w, "property uchar red\nproperty uchar green\nproperty uchar blue\n")?;
         }
@@ -41,7 +51,8 @@ pub fn write_ply(path: impl AsRef<Path>, cloud: &PlyCloud<'_>) -> Result<()> {
         }
         writeln!(w, "end_header")?;
         for (i, p) in cloud.points.iter().enumerate() {
-            for c in [p.x, p.y, p.z] {
+            let normal = cloud.normals.map(|n| n[i]);
+            for c in p.coords.iter().chain(normal.iter().flatten()) {
                 w.write_all(&c.to_le_bytes())?;
             }
             if let Some(colors) = cloud.colors {

@@ -107,13 +107,17 @@ pub struct EvidenceWeights {
     pub normal_agreement: f64,
     /// Weight of the distance to tangent planes, in units of τ.
     pub plane_residual: f64,
-    /// Weight of the share of the scan on known surface.
+    /// Weight of the logarithm of the touching surface, in scans.
     pub overlap: f64,
+    /// Weight of the logarithm of the share of points in space seen to be empty.
+    pub violation: f64,
+    /// Weight of the logarithm of the stiffness.
+    pub stiffness: f64,
 }
 
 impl EvidenceWeights {
     /// The weights in the order of [`super::evidence::predictors`].
-    pub fn as_array(&self) -> [f64; 6] {
+    pub fn as_array(&self) -> [f64; 8] {
         [
             self.constant,
             self.ln_inliers,
@@ -121,19 +125,41 @@ impl EvidenceWeights {
             self.normal_agreement,
             self.plane_residual,
             self.overlap,
+            self.violation,
+            self.stiffness,
         ]
+    }
+}
+
+impl EvidenceWeights {
+    /// Weights in the order of [`Self::as_array`].
+    pub fn from_array(w: [f64; 8]) -> Self {
+        let [constant, ln_inliers, ln_lead, normal_agreement, plane_residual, overlap, violation, stiffness] =
+            w;
+        Self {
+            constant,
+            ln_inliers,
+            ln_lead,
+            normal_agreement,
+            plane_residual,
+            overlap,
+            violation,
+            stiffness,
+        }
     }
 }
 
 impl Default for EvidenceWeights {
     fn default() -> Self {
         Self {
-            constant: -11.654,
-            ln_inliers: 0.724,
-            ln_lead: 2.207,
-            normal_agreement: 8.633,
-            plane_residual: -4.546,
-            overlap: 3.905,
+            constant: -13.0,
+            ln_inliers: 1.1,
+            ln_lead: 0.69,
+            normal_agreement: 5.0,
+            plane_residual: -7.3,
+            overlap: 0.21,
+            violation: -2.36,
+            stiffness: 0.67,
         }
     }
 }
@@ -149,6 +175,11 @@ pub struct EvidenceConfig {
     pub surfaces: bool,
     /// Distinct hypotheses of a candidate that are checked.
     pub hypotheses: usize,
+    /// Points of a scan's surface that are compared with others.
+    pub points_per_scan: usize,
+    /// Point-to-plane steps that a hypothesis is aligned by before its evidence is measured
+    /// (strategy `assemble`).
+    pub align_rounds: usize,
     /// Probability below which a scan is not placed, in `[0, 1]`.
     pub accept: f64,
     /// Probability from which a scan is placed before the rest of the similarity list is
@@ -164,7 +195,9 @@ impl Default for EvidenceConfig {
             min_inliers: 6,
             surfaces: true,
             hypotheses: 3,
-            accept: 0.8,
+            points_per_scan: 400,
+            align_rounds: 6,
+            accept: 0.7,
             confident: 0.95,
             weights: EvidenceWeights::default(),
         }
@@ -187,6 +220,12 @@ pub struct JointConfig {
     pub rounds: usize,
     /// Points of a scan that look for a counterpart in each overlapping scan.
     pub points_per_scan: usize,
+    /// A component that grew by this factor is refined coarsely before it grows on; 1 or less
+    /// only at the end (strategy `assemble`).
+    pub growth: f64,
+    /// Whether contradictions around loops are spread by matched points first (strategy
+    /// `assemble`).
+    pub close_loops: bool,
 }
 
 impl Default for JointConfig {
@@ -198,14 +237,51 @@ impl Default for JointConfig {
             radii: vec![2.0, 1.0, 0.5],
             rounds: 4,
             points_per_scan: 1500,
+            growth: 1.5,
+            close_loops: true,
         }
     }
 }
 
-/// Settings of the incremental registration (SPEC: pipeline).
+/// How scans are put together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Strategy {
+    /// One meta-shape grows from a pivot, a scan a step (the paper's method).
+    Grow,
+    /// Every scan starts alone, and components join, the most certain join first.
+    Assemble,
+}
+
+/// Settings of the strategy `assemble`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct AssemblyConfig {
+    /// Most similar scans that every scan is registered with at first.
+    pub neighbours: usize,
+    /// Whether components that found no join are compared with all others in the end.
+    pub second_look: bool,
+    /// Whether placed scans are looked at again when everything is known, and moved or taken
+    /// out where that speaks against their place.
+    pub review: bool,
+    /// Whether a join that the evidence falls short for is tried out with all poses refined.
+    pub trials: bool,
+}
+
+impl Default for AssemblyConfig {
+    fn default() -> Self {
+        Self { neighbours: 25, second_look: true, review: true, trials: true }
+    }
+}
+
+/// Settings of the registration (SPEC: pipeline).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct RegistrationConfig {
+    /// How scans are put together.
+    pub strategy: Strategy,
+    /// Settings of the strategy `assemble`.
+    pub assembly: AssemblyConfig,
     /// Scans most similar to the meta-shape that are registered in a step (k).
     pub shortlist: usize,
     /// Off is ablation a: every scan left is registered in every step.
@@ -227,6 +303,8 @@ pub struct RegistrationConfig {
 impl Default for RegistrationConfig {
     fn default() -> Self {
         Self {
+            strategy: Strategy::Assemble,
+            assembly: AssemblyConfig::default(),
             shortlist: 10,
             semantic: true,
             ordering: Ordering::Probability,
@@ -264,6 +342,8 @@ impl RegistrationConfig {
             Err(Error::setting(key, value.to_string(), "a share between 0 and 1", "correct it"))
         };
         positive("shortlist", self.shortlist)?;
+        positive("assembly.neighbours", self.assembly.neighbours)?;
+        positive("evidence.points_per_scan", self.evidence.points_per_scan)?;
         positive("estimator.hypotheses", self.estimator.hypotheses)?;
         positive("estimator.max_draws", self.estimator.max_draws)?;
         positive("estimator.max_matches", self.estimator.max_matches)?;
@@ -275,6 +355,14 @@ impl RegistrationConfig {
         share("evidence.accept", self.evidence.accept)?;
         share("evidence.confident", self.evidence.confident)?;
         share("joint.min_overlap", self.joint.min_overlap)?;
+        if self.strategy == Strategy::Assemble && !self.evidence.surfaces {
+            return Err(Error::setting(
+                "registration.evidence.surfaces",
+                "false, with registration.strategy = \"assemble\"",
+                "true: components join by the probability that surfaces are checked for",
+                "set registration.strategy to \"grow\" to do without",
+            ));
+        }
         if self.joint.enabled && !self.joint.radii.iter().all(|&r| r > 0.0 && r.is_finite()) {
             return Err(Error::setting(
                 "registration.joint.radii",

@@ -7,13 +7,15 @@ mod conclusion;
 
 use self::candidate::Candidate;
 use super::config::RegistrationConfig;
-use super::evidence::{self, PlacedSurface};
-use super::incremental::{Lengths, ScanInput};
+use super::evidence;
+use super::incremental::{Lengths, MIN_KEYPOINTS, ScanInput};
 use super::joint::{JointScan, refine_jointly};
 use super::matching::Matches;
 use super::meta_shape::MetaShape;
 use super::nearest::Columns;
 use super::refinement::{Registered, average_observations};
+use super::scan_model::ScanModel;
+use super::surface_fit::{Posed, surface_fit};
 use crate::error::Result;
 use crate::geometry::RigidMotion;
 use crate::geometry::neighbours::RadiusGrid;
@@ -24,9 +26,6 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-
-/// Keypoints below which a scan is not tried.
-const MIN_KEYPOINTS: usize = 3;
 
 /// The outcome of registering one candidate against the meta-shape.
 #[derive(Debug, Clone)]
@@ -63,8 +62,8 @@ pub struct Growth<'a> {
     seed: u64,
     /// Keypoints of every scan, indexed in its own frame with radius τ.
     grids: Vec<RadiusGrid<'a>>,
-    /// Surface points of every scan, indexed likewise; empty where surfaces are not checked.
-    surface_grids: Vec<RadiusGrid<'a>>,
+    /// Surfaces of every scan; empty where surfaces are not checked.
+    models: Vec<ScanModel<'a>>,
     /// Descriptors of every scan, packed for matching.
     columns: Vec<Columns>,
     /// Scans without an outcome yet.
@@ -101,8 +100,10 @@ impl<'a> Growth<'a> {
         }
         let grids = scans.par_iter().map(|s| RadiusGrid::new(&s.features.keypoints, radius_m)).collect();
         let checked = if config.checks_surfaces() { scans } else { &[] };
-        let surface_grids =
-            checked.par_iter().map(|s| RadiusGrid::new(&s.surface.points, radius_m)).collect();
+        let models = checked
+            .par_iter()
+            .map(|s| ScanModel::new(s.surface, radius_m, config.evidence.points_per_scan))
+            .collect();
         let columns = scans.par_iter().map(|s| Columns::new(&s.features.descriptors)).collect();
         Self {
             scans,
@@ -111,7 +112,7 @@ impl<'a> Growth<'a> {
             radius_m,
             seed,
             grids,
-            surface_grids,
+            models,
             columns,
             remaining,
             meta: None,
@@ -215,19 +216,13 @@ impl<'a> Growth<'a> {
     }
 
     /// Surfaces of the members; none where surfaces are not checked.
-    fn placed_surfaces(&self) -> Vec<PlacedSurface<'_>> {
-        let members = self.members.iter().filter(|m| m.scan.0 < self.surface_grids.len());
-        members
-            .map(|m| PlacedSurface {
-                surface: self.scans[m.scan.0].surface,
-                grid: &self.surface_grids[m.scan.0],
-                world_from_scan: m.world_from_scan,
-            })
-            .collect()
+    fn placed_surfaces(&self) -> Vec<Posed<'_>> {
+        let members = self.members.iter().filter(|m| m.scan.0 < self.models.len());
+        members.map(|m| Posed { model: &self.models[m.scan.0], group_from_scan: m.world_from_scan }).collect()
     }
 
     /// Support of hypothesis `h` of a candidate.
-    fn assess(&self, scan: ScanId, candidate: &Candidate, h: usize, placed: &[PlacedSurface<'_>]) -> Support {
+    fn assess(&self, scan: ScanId, candidate: &Candidate, h: usize, placed: &[Posed<'_>]) -> Support {
         let hypothesis = &candidate.hypotheses[h];
         let others = candidate.hypotheses.iter().enumerate().filter(|o| o.0 != h);
         let mut support = Support {
@@ -240,10 +235,13 @@ impl<'a> Growth<'a> {
             return support;
         }
         let pose = &hypothesis.target_from_source;
-        let fit = evidence::surface_fit(self.scans[scan.0].surface, pose, placed);
+        let alone = Posed { model: &self.models[scan.0], group_from_scan: RigidMotion::identity() };
+        let fit = surface_fit(placed, &[alone], pose);
         support.overlap = fit.overlap;
         support.normal_agreement = fit.normal_agreement;
         support.plane_residual = fit.plane_residual;
+        support.violation = fit.violation;
+        support.stiffness = fit.stiffness;
         if self.config.evidence.surfaces {
             support.probability = Some(evidence::probability(&support, &self.config.evidence.weights));
         }

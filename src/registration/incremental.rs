@@ -3,11 +3,15 @@
 //! Li, Zhu, Xie & Zhu, "Incremental Multiview Point Cloud Registration with Two-stage
 //! Candidate Retrieval" (Pattern Recognition 2025).
 
-use super::config::{Ordering, RegistrationConfig};
+use super::agglomerate;
+use super::config::{Ordering, RegistrationConfig, Strategy};
 use super::growth::{Attempt, Growth};
 use crate::error::{Error, Result};
 use crate::monitor::Monitor;
 use crate::scan::{Features, Reconstruction, ScanId, SimilarityMatrix, Surface};
+
+/// Keypoints below which a scan is not tried.
+pub(super) const MIN_KEYPOINTS: usize = 3;
 
 /// What the registration needs of one scan.
 #[derive(Debug, Clone, Copy)]
@@ -45,6 +49,9 @@ pub fn register(
 ) -> Result<Reconstruction> {
     config.validate()?;
     check_shapes(scans, similarity)?;
+    if config.strategy == Strategy::Assemble {
+        return agglomerate::register(scans, similarity, config, lengths, seed, monitor);
+    }
     monitor.begin("register", scans.len());
     let mut growth = Growth::new(scans, similarity, config, lengths, seed);
     while let Some(pivot) = growth.most_connected_scan() {

@@ -1,5 +1,8 @@
 //! Pairwise and incremental multiview registration.
 
+mod agglomerate;
+pub mod assembly;
+pub mod assessment;
 pub mod config;
 pub mod estimate;
 pub mod evidence;
@@ -9,6 +12,11 @@ pub mod joint;
 pub mod matching;
 pub mod meta_shape;
 pub mod nearest;
+mod neighbourhood;
+pub mod pairs;
+pub mod pairwise;
 pub mod refinement;
+pub mod scan_model;
+pub mod surface_fit;
 
 pub use config::RegistrationConfig;

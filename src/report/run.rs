@@ -70,6 +70,14 @@ pub struct RunReport {
     pub scale: WorkingScale,
     /// Where the overlap head came from.
     pub overlap_head: String,
+    /// How scans were registered.
+    pub method: String,
+    /// Pairs that were registered, this time or before; null for the incremental method.
+    pub registered_pairs: Option<usize>,
+    /// What these pairs took when they were registered, seconds; null likewise.
+    pub pair_seconds: Option<f64>,
+    /// Pairs that became edges of the pose graph; null likewise.
+    pub edges: Option<usize>,
     /// Scans with a pose.
     pub placed: usize,
     /// Scans without.

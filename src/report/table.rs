@@ -38,6 +38,9 @@ pub fn summary(report: &RunReport, width: Option<u16>) -> String {
     let stages: Vec<String> =
         report.timings.iter().map(|t| format!("{} {:.1}", t.stage, t.seconds)).collect();
     write!(text, "{}), {} thread{}", stages.join(", "), report.threads, plural(report.threads)).ok();
+    if let (Some(registered), Some(edges)) = (report.registered_pairs, report.edges) {
+        write!(text, "\npairs    {registered} registered, {edges} kept for {}", report.method).ok();
+    }
     let reused = report.sizes.iter().filter(|s| s.features_reused).count();
     if reused > 0 {
         write!(text, "\nfeatures {reused} of {total} reused").ok();

@@ -1,14 +1,18 @@
 //! The types that flow between stages.
 
 mod cloud;
+mod depth;
 mod features;
+mod pose_graph;
 mod reconstruction;
 mod similarity;
 mod surface;
 mod truth;
 
 pub use cloud::{PointCloud, Scan, ScanId};
+pub use depth::{DepthImage, Intrinsics};
 pub use features::{Descriptors, Features};
+pub use pose_graph::{PairKey, PairRegistration, PoseEdge, PoseGraph};
 pub use reconstruction::{DeclineReason, NeighbourEvidence, Outcome, Placement, Reconstruction, Support};
 pub use similarity::SimilarityMatrix;
 pub use surface::Surface;

@@ -30,6 +30,13 @@ pub struct Support {
     pub normal_agreement: f64,
     /// Root mean square distance to the model's tangent planes, in units of τ.
     pub plane_residual: f64,
+    /// Share of what either side could judge that lies in space the other saw to be empty, in `[0, 1]`.
+    #[serde(default)]
+    pub violation: f64,
+    /// How firmly the touching surface fixes the pose: smallest eigenvalue of the normalised
+    /// information matrix, 0 where some motion is free.
+    #[serde(default)]
+    pub stiffness: f64,
     /// Probability that the pose is right; `None` where it was not assessed.
     pub probability: Option<f64>,
     /// The pose relative to the parent when the scan joined, before any later refinement; `None`
@@ -88,6 +95,13 @@ pub enum DeclineReason {
         /// Probability that would have been needed, in `[0, 1]`.
         needed: f64,
     },
+    /// Its registrations with single scans were all left out of the pose graph.
+    Pruned {
+        /// Inliers of the best of them.
+        inliers: usize,
+        /// Its median distance over the overlap, metres.
+        median_distance_m: f64,
+    },
     /// It has too few keypoints to be registered at all.
     TooFewKeypoints {
         /// Keypoints found.
@@ -118,6 +132,10 @@ impl std::fmt::Display for DeclineReason {
                 support.runner_up,
                 support.overlap,
                 support.normal_agreement,
+            ),
+            DeclineReason::Pruned { inliers, median_distance_m } => write!(
+                f,
+                "no pair was kept: the best, of {inliers} inliers, has its surfaces {median_distance_m:.3} m apart"
             ),
             DeclineReason::TooFewKeypoints { keypoints, needed } => {
                 write!(f, "only {keypoints} keypoints, {needed} needed")

@@ -9,6 +9,8 @@ pub struct Surface {
     pub points: Vec<Point>,
     /// `[n,3]` unit normals; the zero vector where the neighbourhood fixes none.
     pub normals: Vec<Direction>,
+    /// Where the sensor stood, in the scan's frame.
+    pub viewpoint: Point,
 }
 
 impl Surface {

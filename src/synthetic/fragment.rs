@@ -1,12 +1,11 @@
 //! Depth frames with known poses fused into one scan.
 
-use super::camera::DepthImage;
 use super::noise::DepthFrame;
 use super::scene::Scene;
 use crate::geometry::rigid::PointMover;
 use crate::geometry::voxel::VoxelGroups;
 use crate::geometry::{Point, RigidMotion};
-use crate::scan::PointCloud;
+use crate::scan::{DepthImage, PointCloud};
 use nalgebra::Vector3;
 
 /// Depth difference up to which a neighbouring pixel helps to smooth is this times
@@ -92,10 +91,11 @@ fn smoothed(image: &DepthImage) -> DepthImage {
 
 #[cfg(test)]
 mod tests {
-    use super::super::camera::{Intrinsics, render_depth};
+    use super::super::camera::render_depth;
     use super::super::noise::{SensorNoise, observe};
     use super::super::shape::{Primitive, Shape};
     use super::*;
+    use crate::scan::Intrinsics;
     use nalgebra::Isometry3;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;

@@ -12,11 +12,13 @@ mod furniture;
 mod noise;
 mod pieces;
 mod plan;
+pub mod pose_graph;
 mod scene;
 mod shape;
 mod walk;
 
-pub use camera::{DepthImage, Intrinsics, render_depth};
+pub use crate::scan::{DepthImage, Intrinsics};
+pub use camera::render_depth;
 pub use fragment::fuse;
 pub use noise::{DepthFrame, SensorNoise, observe};
 pub use plan::Site;

@@ -1,8 +1,8 @@
 //! What a real structured-light camera does to the depth of a scene.
 
-use super::camera::{DepthImage, Intrinsics};
 use super::scene::Scene;
 use crate::geometry::RigidMotion;
+use crate::scan::{DepthImage, Intrinsics};
 use nalgebra::Point3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

@@ -2,13 +2,12 @@
 
 use super::SynthConfig;
 use super::building::{Building, build};
-use super::camera::Intrinsics;
 use super::fragment::fuse;
 use super::noise::{SensorNoise, observe};
 use super::scene::Scene;
 use super::walk::Walk;
 use crate::geometry::RigidMotion;
-use crate::scan::PointCloud;
+use crate::scan::{Intrinsics, PointCloud};
 use nalgebra::{Point3, Rotation3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -4,7 +4,7 @@ use super::PosedScans;
 use crate::error::{Error, Result};
 use crate::io;
 use crate::monitor::Monitor;
-use crate::synthetic::{self, SynthConfig};
+use crate::synthetic::SynthConfig;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -115,7 +115,7 @@ impl Default for SynthEntry {
 }
 
 impl SynthEntry {
-    fn config(&self, seed: u64) -> SynthConfig {
+    pub(super) fn config(&self, seed: u64) -> SynthConfig {
         SynthConfig {
             seed,
             rooms: self.rooms,
@@ -130,12 +130,6 @@ impl SynthEntry {
     pub(super) fn validate(&self) -> Result<()> {
         self.config(0).validate()
     }
-
-    pub(super) fn generate(&self, seed: u64, monitor: &dyn Monitor) -> Result<PosedScans> {
-        let set = synthetic::generate(&self.config(seed), monitor)?;
-        let name = format!("synthetic seed {seed}, {} rooms, {} scans", self.rooms, self.scans);
-        Ok(PosedScans { name, scans: set.scans, world_from_scan: set.world_from_scan })
-    }
 }
 
 /// Scans of a folder with their poses.
@@ -145,18 +139,6 @@ impl SynthEntry {
 pub(super) fn read_posed(folder: &Path, monitor: &dyn Monitor) -> Result<PosedScans> {
     let scene = io::dataset::read_scene(folder)?;
     let scans = io::read_scans(&scene.scans, monitor)?;
-    let world_from_scan = poses_of(folder, scene.world_from_scan)?;
+    let world_from_scan = scene.true_poses(folder)?.value.clone();
     Ok(PosedScans { name: scene.name, scans, world_from_scan })
-}
-
-/// The poses of a scene, which training cannot do without.
-pub(super) fn poses_of<T>(folder: &Path, truth: Option<io::poses::Repaired<T>>) -> Result<T> {
-    truth.map(|t| t.value).ok_or_else(|| {
-        Error::file(
-            folder,
-            "scans without true poses",
-            "a pose file beside each scan, poses/, poses.txt or one .conf",
-            "add the poses or leave the folder out",
-        )
-    })
 }

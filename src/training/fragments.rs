@@ -1,6 +1,5 @@
 //! Depth images with poses, fused into scans of several frames.
 
-use super::entries::poses_of;
 use super::{PosedScans, RgbdEntry};
 use crate::error::{Error, Result};
 use crate::geometry::rigid::PointMover;
@@ -21,7 +20,7 @@ pub(super) fn fuse(entry: &RgbdEntry, root: &Path, monitor: &dyn Monitor) -> Res
     const STAGE: &str = "fusing depth images";
     let folder = root.join(&entry.folder);
     let scene = io::dataset::read_scene(&folder)?;
-    let poses = poses_of(&folder, scene.world_from_scan)?;
+    let poses = &scene.true_poses(&folder)?.value;
     let end = scene.scans.len().min(entry.frames.map_or(usize::MAX, |n| entry.first_frame.saturating_add(n)));
     if entry.first_frame >= end {
         return Err(Error::setting(

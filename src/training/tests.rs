@@ -32,6 +32,28 @@ fn a_recipe_is_read_and_bad_ones_name_the_key() {
     assert!(step.contains("rgbd.fragment_step: found 0"), "{step}");
 }
 
+/// Recipes that are shipped run, and say everything that decides what comes out.
+#[test]
+fn every_shipped_recipe_is_read() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/train");
+    let mut names: Vec<String> = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let recipe = Recipe::load(&path).unwrap();
+        let splits: Vec<Split> =
+            recipe.synth.iter().map(|e| e.split).chain(recipe.rgbd.iter().map(|e| e.split)).collect();
+        assert!(splits.contains(&Split::Train) && splits.contains(&Split::Valid), "{}", path.display());
+        let seeds: Vec<u64> = recipe.synth.iter().flat_map(|e| e.seeds.clone()).collect();
+        let mut distinct = seeds.clone();
+        distinct.sort_unstable();
+        distinct.dedup();
+        assert_eq!(distinct.len(), seeds.len(), "a building of two splits in {}", path.display());
+        names.push(path.file_name().unwrap().to_string_lossy().into_owned());
+    }
+    names.sort();
+    assert_eq!(names, ["gem.toml", "netvlad-fpfh.toml", "netvlad.toml"]);
+}
+
 /// Two frames of a flat wall 2 m in front of a camera that moves 10 cm to the right: fused in the
 /// frame of the second, the wall reaches 10 cm farther to the left.
 #[test]

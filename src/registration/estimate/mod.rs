@@ -71,10 +71,9 @@ fn distinct(mut hypotheses: Vec<Hypothesis>, at_most: usize, radius_m: f64) -> V
     hypotheses.sort_by_key(|h| std::cmp::Reverse(h.inliers));
     let mut kept: Vec<Hypothesis> = Vec::new();
     for h in hypotheses {
-        let repeats = kept.iter().any(|k| {
-            rotation_error_rad(&k.target_from_source, &h.target_from_source) < 10f64.to_radians()
-                && displacement_m(&k.target_from_source, &h.target_from_source) < 4.0 * radius_m
-        });
+        let repeats = kept
+            .iter()
+            .any(|k| same_motion(&k.target_from_source, &h.target_from_source, &Point3::origin(), radius_m));
         if !repeats {
             kept.push(h);
         }
@@ -85,9 +84,10 @@ fn distinct(mut hypotheses: Vec<Hypothesis>, at_most: usize, radius_m: f64) -> V
     kept
 }
 
-/// How far apart two motions take the source's origin, metres.
-fn displacement_m(a: &RigidMotion, b: &RigidMotion) -> f64 {
-    (a * Point3::origin() - b * Point3::origin()).norm()
+/// Whether two motions are the same but for what a refinement may change: less than 10° apart,
+/// and taking `at` (a place among the source's points) to places less than 4τ apart.
+pub fn same_motion(a: &RigidMotion, b: &RigidMotion, at: &Point3<f64>, radius_m: f64) -> bool {
+    rotation_error_rad(a, b) < 10f64.to_radians() && (a * at - b * at).norm() < 4.0 * radius_m
 }
 
 #[cfg(test)]

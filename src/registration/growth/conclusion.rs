@@ -1,7 +1,7 @@
 //! From a finished growth to one outcome a scan.
 
+use super::super::neighbourhood::neighbours_of;
 use super::{Growth, MIN_KEYPOINTS, Member};
-use crate::geometry::overlap::two_way_overlap;
 use crate::scan::{DeclineReason, NeighbourEvidence, Outcome, Placement, Reconstruction};
 use rayon::prelude::*;
 
@@ -16,8 +16,9 @@ impl Growth<'_> {
             .map(|r| Outcome::Declined(r.unwrap_or_else(|| unexplained.clone())))
             .collect();
         for (component, members) in self.components.iter().enumerate() {
+            let poses: Vec<_> = members.iter().map(|m| (m.scan, m.world_from_scan)).collect();
             let neighbours: Vec<Vec<NeighbourEvidence>> =
-                (0..members.len()).into_par_iter().map(|m| self.neighbours(members, m)).collect();
+                (0..members.len()).into_par_iter().map(|m| neighbours_of(&poses, m, &self.grids)).collect();
             for (step, (member, neighbours)) in members.iter().zip(neighbours).enumerate() {
                 let attempt = member.attempt.as_ref();
                 outcomes[member.scan.0] = Outcome::Placed(Placement {
@@ -34,27 +35,5 @@ impl Growth<'_> {
             }
         }
         Reconstruction { outcomes }
-    }
-
-    /// Agreement of one member with all others it touches, at the final poses.
-    fn neighbours(&self, members: &[Member], of: usize) -> Vec<NeighbourEvidence> {
-        const LEAST: f64 = 0.01;
-        let here = &members[of];
-        let mut found: Vec<NeighbourEvidence> = members
-            .iter()
-            .filter(|there| there.scan != here.scan)
-            .filter_map(|there| {
-                let here_from_there = here.world_from_scan.inverse() * there.world_from_scan;
-                let o =
-                    two_way_overlap(&self.grids[here.scan.0], &self.grids[there.scan.0], &here_from_there);
-                (o.ratio >= LEAST).then_some(NeighbourEvidence {
-                    scan: there.scan,
-                    overlap: o.ratio,
-                    residual_m: o.residual_m,
-                })
-            })
-            .collect();
-        found.sort_by_key(|n| n.scan);
-        found
     }
 }

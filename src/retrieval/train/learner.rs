@@ -244,6 +244,8 @@ mod tests {
 
     /// The older CPU backend as an independent implementation of every operation.
     #[cfg(feature = "ndarray")]
+    // Deprecated in favour of the very backend it is compared with.
+    #[allow(deprecated)]
     #[test]
     fn ndarray_and_flex_agree_over_a_few_steps() {
         let run = |device: Device| {

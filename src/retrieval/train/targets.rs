@@ -16,6 +16,7 @@ const LANES: usize = 8;
 /// One grid holds the points of all sets. The neighbourhood of a cell is gathered once for all its
 /// points and grouped by set, so that a point stops at the first hit of each set: the cost grows
 /// with points times the sets around them, not with points times points, nor with pairs of sets.
+/// Sets that share an eighth of a cell with a point are near it without being measured.
 ///
 /// # Errors
 /// None for finite points.
@@ -30,7 +31,10 @@ pub fn overlap_matrix(sets: &[Vec<Point>], radius_m: f32) -> Result<SimilarityMa
             let mut around = Around::new(n);
             for cell in cells {
                 around.gather(&grid, cell);
-                grid.points[cell.start..cell.end].iter().for_each(|p| around.count(p, radius_m, &mut counts));
+                for points in grid.eighths(cell) {
+                    around.meet(points);
+                    points.iter().for_each(|p| around.count(p, radius_m, &mut counts));
+                }
             }
             counts
         })
@@ -49,30 +53,42 @@ pub fn overlap_matrix(sets: &[Vec<Point>], radius_m: f32) -> Result<SimilarityMa
     SimilarityMatrix::new(n, values)
 }
 
-/// Points of all sets, sorted by grid cell and within a cell by set.
+/// Points of all sets, sorted by grid cell, within a cell by its eighths, and there by set.
 struct OwnedGrid {
     points: Vec<(Point, u32)>,
+    /// Key of the cell and number of the eighth of every point.
+    keys: Vec<u64>,
     /// Cells in the order of their keys, so that those of equal x and y lie side by side.
     cells: Vec<Cell>,
 }
 
 struct Cell {
+    /// Coordinates side by side, without the bits of the eighths.
     key: u64,
     start: usize,
     end: usize,
 }
 
-/// Bits of a cell coordinate in a key: two million cells a side, far beyond single precision.
-const BITS: u32 = 21;
+/// Bits of a cell coordinate in a key: a million cells a side, far beyond single precision.
+const BITS: u32 = 20;
+/// Edge of an eighth of a cell in radii: a little below 1/√3, so that points in the same eighth are
+/// within the radius whatever was rounded (in scenes up to ten thousand radii wide), and cells,
+/// two of them wide, are wider than the radius.
+const EIGHTH: f32 = 0.575;
 
 impl OwnedGrid {
-    /// Cells as wide as the radius: what is near a point lies in its own cell or the 26 around.
+    /// Cells wider than the radius: what is near a point lies in its own cell or the 26 around.
     fn new(sets: &[Vec<Point>], radius_m: f32) -> Self {
         let mut low = [f32::INFINITY; 3];
         sets.iter().flatten().for_each(|p| (0..3).for_each(|a| low[a] = low[a].min(p[a])));
-        // One free cell below the lowest and above the highest, for the neighbours.
-        let axis = |v: f32, low: f32| (((v - low) / radius_m) as u64).min((1 << BITS) - 3) + 1;
-        let key = |p: &Point| axis(p.x, low[0]) << (2 * BITS) | axis(p.y, low[1]) << BITS | axis(p.z, low[2]);
+        let width = EIGHTH * radius_m;
+        let key = |p: &Point| {
+            let halves: [u64; 3] = std::array::from_fn(|a| ((p[a] - low[a]) / width) as u64);
+            // One free cell below the lowest and above the highest, for the neighbours.
+            let [x, y, z] = halves.map(|h| (h >> 1).min((1 << BITS) - 3) + 1);
+            let eighth = halves.iter().fold(0, |bits, h| bits << 1 | (h & 1));
+            (x << (2 * BITS) | y << BITS | z) << 3 | eighth
+        };
         let flat: Vec<(Point, u32)> =
             (0u32..).zip(sets).flat_map(|(owner, set)| set.iter().map(move |&p| (p, owner))).collect();
         let mut keyed: Vec<(u64, u32)> = (0u32..).zip(&flat).map(|(i, (p, _))| (key(p), i)).collect();
@@ -81,11 +97,20 @@ impl OwnedGrid {
         let mut cells: Vec<Cell> = Vec::new();
         for (i, &(key, _)) in keyed.iter().enumerate() {
             match cells.last_mut() {
-                Some(last) if last.key == key => last.end = i + 1,
-                _ => cells.push(Cell { key, start: i, end: i + 1 }),
+                Some(last) if last.key == key >> 3 => last.end = i + 1,
+                _ => cells.push(Cell { key: key >> 3, start: i, end: i + 1 }),
             }
         }
-        Self { points, cells }
+        Self { points, keys: keyed.into_iter().map(|(key, _)| key).collect(), cells }
+    }
+
+    /// The points of a cell, those of every eighth together.
+    fn eighths(&self, cell: &Cell) -> impl Iterator<Item = &[(Point, u32)]> {
+        let mut start = cell.start;
+        self.keys[cell.start..cell.end].chunk_by(|a, b| a == b).map(move |keys| {
+            start += keys.len();
+            &self.points[start - keys.len()..start]
+        })
     }
 
     /// The points of the 27 cells in and around `cell`: a range for every column of three.
@@ -109,11 +134,13 @@ struct Around {
     groups: Vec<(u32, std::ops::Range<usize>)>,
     /// For every set, where its next point goes.
     next: Vec<usize>,
+    /// For every set, whether it is near all points that are looked at.
+    met: Vec<bool>,
 }
 
 impl Around {
     fn new(n: usize) -> Self {
-        Self { xyz: Default::default(), groups: Vec::new(), next: vec![0; n] }
+        Self { xyz: Default::default(), groups: Vec::new(), next: vec![0; n], met: vec![false; n] }
     }
 
     /// Counting sort by set.
@@ -142,12 +169,22 @@ impl Around {
         }
     }
 
+    /// Notes whose points these are, all of them within the radius of each other.
+    fn meet(&mut self, points: &[(Point, u32)]) {
+        self.met.fill(false);
+        points.iter().for_each(|&(_, owner)| self.met[owner as usize] = true);
+    }
+
     /// Adds one to the count of (own set, other set) for every set with a point near this one.
     fn count(&self, (point, own): &(Point, u32), radius_m: f32, counts: &mut [u32]) {
         let limit = radius_m * radius_m;
         let row = *own as usize * self.next.len();
         let [xs, ys, zs] = &self.xyz;
         for (owner, range) in &self.groups {
+            if self.met[*owner as usize] {
+                counts[row + *owner as usize] += 1;
+                continue;
+            }
             let chunks = xs[range.clone()].chunks(LANES).zip(ys[range.clone()].chunks(LANES));
             let hit = chunks.zip(zs[range.clone()].chunks(LANES)).any(|((x, y), z)| {
                 // Without a way out inside a chunk, so that it compiles to vector instructions.

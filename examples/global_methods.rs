@@ -1,0 +1,205 @@
+//! The rivals of the incremental method on real scenes, from the same features.
+//!
+//! Usage: `cargo run --release --example global_methods -- [--keypoints N] [--preset NAME]
+//! [--weights LITS_FILE] [--cache DIR] [--no-incremental] DATA SCENE…`
+//!
+//! DATA holds 3dmatch/SCENE/PointCloud and benchmarks/{3DMatch,3DLoMatch}/SCENE. For every scene
+//! and pose graph the pairs are registered once, and every method gets the same graph; no
+//! method's poses are refined afterwards but for the incremental one's, where the preset says
+//! so. Prints one line a scene, graph and method, then the means over the scenes: registration
+//! recall on both benchmarks in percent, pairs registered and kept, share of the kept ones that
+//! are right (10°, 0.3 m), and the seconds that pairs (when they were registered) and synchronisation took.
+
+use scanweave::config::Method as Choice;
+use scanweave::evaluation::recall::{RecallConfig, RecallReport, registration_recall};
+use scanweave::geometry::RigidMotion;
+use scanweave::geometry::rigid::{rotation_error_rad, translation_error_m};
+use scanweave::io::dataset::{Benchmark, read_benchmark, read_scene};
+use scanweave::pipeline::{FeatureSource, PairCache, Run, run_with_pairs};
+use scanweave::scan::{PoseGraph, Reconstruction, Scan, ScanId};
+use scanweave::synchronization::{GraphKind, LitsWeights, Method, synchronize};
+use scanweave::{Config, Silent, io};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+const BENCHMARKS: [&str; 2] = ["3DMatch", "3DLoMatch"];
+const GRAPHS: [(GraphKind, &str); 3] =
+    [(GraphKind::Full, "full"), (GraphKind::Pruned, "pruned"), (GraphKind::Sparse, "sparse")];
+
+struct Options {
+    config: Config,
+    lits: Option<LitsWeights>,
+    cache: Option<PathBuf>,
+    incremental: bool,
+    data: PathBuf,
+    scenes: Vec<String>,
+}
+
+/// What one method made of one scene.
+struct Line {
+    recalls: [RecallReport; 2],
+    pairs: Option<usize>,
+    seconds: f64,
+}
+
+type Failure = Box<dyn std::error::Error>;
+
+fn main() -> Result<(), Failure> {
+    let options = options()?;
+    let mut lines: BTreeMap<(usize, String), Vec<Line>> = BTreeMap::new();
+    println!(
+        "{:40} {:8} {:12} 3DMatch 3DLoMatch  pairs  edges right     seconds",
+        "scene", "graph", "method"
+    );
+    for name in &options.scenes {
+        for (rank, label, line) in scene(&options, name)? {
+            lines.entry((rank, label)).or_default().push(line);
+        }
+    }
+    println!("\nmean of {} scenes (pooled)", options.scenes.len());
+    for ((_, label), lines) in &lines {
+        let percent = |benchmark: usize| {
+            let reports: Vec<&RecallReport> = lines.iter().map(|l| &l.recalls[benchmark]).collect();
+            let mean = reports.iter().filter_map(|r| r.recall()).sum::<f64>() / reports.len() as f64;
+            let succeeded: usize = reports.iter().map(|r| r.succeeded).sum();
+            let counted: usize = reports.iter().map(|r| r.counted).sum();
+            format!("{:5.1} ({:5.1})", 100.0 * mean, 100.0 * succeeded as f64 / counted.max(1) as f64)
+        };
+        let pairs: usize = lines.iter().filter_map(|l| l.pairs).sum();
+        let seconds: f64 = lines.iter().map(|l| l.seconds).sum();
+        println!("{label:22} {}  {}  {pairs:6} pairs  {seconds:8.2} s", percent(0), percent(1));
+    }
+    Ok(())
+}
+
+fn options() -> Result<Options, Failure> {
+    let (mut preset, mut keypoints, mut weights, mut cache) = ("paper".to_owned(), 2500, None, None);
+    let (mut incremental, mut rest) = (true, Vec::new());
+    let mut arguments = std::env::args().skip(1);
+    while let Some(argument) = arguments.next() {
+        let mut value = || arguments.next().ok_or_else(|| format!("{argument} needs a value"));
+        match argument.as_str() {
+            "--preset" => preset = value()?,
+            "--keypoints" => keypoints = value()?.parse()?,
+            "--weights" => weights = Some(PathBuf::from(value()?)),
+            "--cache" => cache = Some(PathBuf::from(value()?)),
+            "--no-incremental" => incremental = false,
+            _ => rest.push(argument),
+        }
+    }
+    if rest.len() < 2 {
+        return Err("usage: global_methods [options] DATA SCENE…".into());
+    }
+    let mut config = Config::preset(&preset)?;
+    config.descriptor.keypoints.count = keypoints;
+    let lits = weights.map(|path| LitsWeights::load(&path)).transpose()?;
+    let data = PathBuf::from(rest.remove(0));
+    Ok(Options { config, lits, cache, incremental, data, scenes: rest })
+}
+
+/// Lines of one scene, each with its place in the table and its label.
+fn scene(options: &Options, name: &str) -> Result<Vec<(usize, String, Line)>, Failure> {
+    let scene = read_scene(options.data.join("3dmatch").join(name).join("PointCloud"))?;
+    let truth = scene.world_from_scan.ok_or("no true poses")?.value;
+    let scans = io::read_scans(&scene.scans, &Silent)?;
+    let mut benchmarks = Vec::new();
+    for benchmark in BENCHMARKS {
+        benchmarks.push(read_benchmark(options.data.join("benchmarks").join(benchmark).join(name))?);
+    }
+    let folder = match &options.cache {
+        Some(cache) => cache.join(name),
+        None => tempfile::tempdir()?.keep(),
+    };
+    std::fs::create_dir_all(&folder)?;
+    let mut lines = Vec::new();
+    for (g, (kind, graph_name)) in GRAPHS.into_iter().enumerate() {
+        let mut config = options.config.clone();
+        config.registration.joint.enabled = false;
+        (config.method, config.synchronization.graph) = (Choice::Sghr, kind);
+        let (run, _) = timed(&scans, &config, &folder)?;
+        let graph = run.pose_graph.ok_or("no pose graph")?;
+        let pairs_seconds = graph.registration_seconds;
+        for (m, method) in Method::ALL.into_iter().enumerate() {
+            if method == Method::Lits && options.lits.is_none() {
+                continue;
+            }
+            let start = Instant::now();
+            let found = synchronize(&graph, method, options.lits.as_ref(), &Silent)?;
+            let seconds = start.elapsed().as_secs_f64();
+            let recalls = recalls(&found, &scans, &benchmarks)?;
+            let kept = format!("{:6} {:4.0} %", graph.edges.len(), 100.0 * right(&graph, &truth));
+            print(
+                name,
+                graph_name,
+                &method.to_string(),
+                &recalls,
+                graph.registered_pairs,
+                &kept,
+                (pairs_seconds, seconds),
+            );
+            let seconds = pairs_seconds + seconds;
+            let line = Line { recalls, pairs: Some(graph.registered_pairs), seconds };
+            lines.push((10 * g + m, format!("{graph_name} {method}"), line));
+        }
+    }
+    if options.incremental {
+        let (run, seconds) = timed(&scans, &options.config, &folder)?;
+        let recalls = recalls(&run.reconstruction, &scans, &benchmarks)?;
+        print(name, "–", "incremental", &recalls, 0, "", (0.0, seconds));
+        lines.push((99, "incremental".to_owned(), Line { recalls, pairs: None, seconds }));
+    }
+    Ok(lines)
+}
+
+/// A run, and the seconds of its registration.
+fn timed(scans: &[Scan], config: &Config, folder: &Path) -> Result<(Run, f64), Failure> {
+    let source = FeatureSource::Cached(folder);
+    let run = run_with_pairs(scans, config, &source, &PairCache::in_folder(folder), &Silent)?;
+    let seconds = run.timings.iter().find(|t| t.stage == "registration").map_or(0.0, |t| t.seconds);
+    Ok((run, seconds))
+}
+
+/// Share of the edges within 10° and 0.3 m of the truth.
+fn right(graph: &PoseGraph, truth: &[RigidMotion]) -> f64 {
+    let right = graph.edges.iter().filter(|e| {
+        let expected = truth[e.i.0].inverse() * truth[e.j.0];
+        rotation_error_rad(e.i_from_j(), &expected) < 10f64.to_radians()
+            && translation_error_m(e.i_from_j(), &expected) < 0.3
+    });
+    right.count() as f64 / graph.edges.len().max(1) as f64
+}
+
+fn recalls(
+    found: &Reconstruction,
+    scans: &[Scan],
+    benchmarks: &[Benchmark],
+) -> Result<[RecallReport; 2], Failure> {
+    // The benchmarks call a scan by the number at the end of its name.
+    let number = |name: &str| {
+        let digits = name.bytes().rev().take_while(u8::is_ascii_digit).count();
+        name[name.len() - digits..].parse::<usize>().ok()
+    };
+    let numbered: BTreeMap<usize, ScanId> =
+        scans.iter().filter_map(|scan| Some((number(&scan.name)?, scan.id))).collect();
+    let relative = |i: ScanId, j: ScanId| found.relative(*numbered.get(&i.0)?, *numbered.get(&j.0)?);
+    let report = |b: &Benchmark| registration_recall(&b.pairs, relative, &RecallConfig::default());
+    Ok([report(&benchmarks[0])?, report(&benchmarks[1])?])
+}
+
+fn print(
+    scene: &str,
+    graph: &str,
+    method: &str,
+    recalls: &[RecallReport; 2],
+    pairs: usize,
+    kept: &str,
+    (pairs_seconds, seconds): (f64, f64),
+) {
+    let percent = |r: &RecallReport| 100.0 * r.recall().unwrap_or(0.0);
+    println!(
+        "{scene:40} {graph:8} {method:12} {:7.1} {:9.1} {pairs:6} {kept:14} {pairs_seconds:7.2} + {seconds:.2}",
+        percent(&recalls[0]),
+        percent(&recalls[1])
+    );
+}

@@ -1,0 +1,126 @@
+//! Pairwise registrations kept for the next run: one NPZ.
+//!
+//! `pairs` `[P,32]` bytes: content of target and source; `values` `[P,13]`: translation (3,
+//! metres), rotation as x y z w, matches, inliers, residual (m), overlap, median distance (m),
+//! its share of the seconds that all took which were registered with it.
+
+use super::{atomic, npy};
+use crate::error::{Error, Result};
+use crate::geometry::RigidMotion;
+use crate::scan::{PairKey, PairRegistration};
+use nalgebra::{Quaternion, Translation3, UnitQuaternion};
+use ndarray::Array2;
+use ndarray_npy::NpzWriter;
+use std::collections::BTreeMap;
+use std::io;
+use std::path::Path;
+
+const KEY: usize = 32;
+const VALUES: usize = 13;
+
+/// Registrations and the seconds of each.
+pub type Pairs = BTreeMap<PairKey, (PairRegistration, f64)>;
+
+/// Reads what [`write`] writes, to the last bit.
+///
+/// # Errors
+/// [`Error::Read`]; [`Error::File`] for missing arrays or wrong shapes.
+pub fn read(path: &Path) -> Result<Pairs> {
+    let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
+    let arrays = npy::read_archive(path, &bytes)?;
+    let rows = |name: &str, columns: usize| {
+        let array = arrays.iter().find(|(key, _)| key == name).map(|(_, array)| array);
+        let fits = array.filter(|a| a.matrix().is_some_and(|(_, c)| c == columns));
+        fits.map(|a| a.values.chunks_exact(columns).collect::<Vec<_>>()).ok_or_else(|| {
+            let found = array.map_or("nothing".to_owned(), |a| format!("shape {:?}", a.shape));
+            let expected = format!("an array '{name}' of {columns} columns");
+            Error::file(path, found, expected, "delete it; it is made again")
+        })
+    };
+    let (keys, values) = (rows("pairs", KEY)?, rows("values", VALUES)?);
+    if keys.len() != values.len() {
+        let found = format!("{} pairs and {} values", keys.len(), values.len());
+        return Err(Error::file(path, found, "as many of both", "delete it; it is made again"));
+    }
+    Ok(keys
+        .into_iter()
+        .map(key)
+        .zip(values.into_iter().map(|row| (registration(row), row[VALUES - 1])))
+        .collect())
+}
+
+/// Writes pairwise registrations.
+///
+/// # Errors
+/// [`Error::Write`].
+pub fn write(path: &Path, pairs: &Pairs) -> Result<()> {
+    let keys: Vec<u8> = pairs.keys().flat_map(|k| k.target.into_iter().chain(k.source)).collect();
+    let values: Vec<f64> = pairs.values().flat_map(numbers).collect();
+    atomic::write(path, |sink| {
+        let mut npz = NpzWriter::new(sink);
+        let keys = Array2::from_shape_vec((pairs.len(), KEY), keys).map_err(io::Error::other)?;
+        let values = Array2::from_shape_vec((pairs.len(), VALUES), values).map_err(io::Error::other)?;
+        npz.add_array("pairs", &keys).map_err(io::Error::other)?;
+        npz.add_array("values", &values).map_err(io::Error::other)?;
+        npz.finish().map_err(io::Error::other)?;
+        Ok(())
+    })
+}
+
+fn key(row: &[f64]) -> PairKey {
+    let half = |from: usize| std::array::from_fn(|k| row[from + k] as u8);
+    PairKey { target: half(0), source: half(KEY / 2) }
+}
+
+fn numbers((pair, seconds): &(PairRegistration, f64)) -> [f64; VALUES] {
+    let (t, q) = (pair.target_from_source.translation.vector, pair.target_from_source.rotation.coords);
+    let (matches, inliers) = (pair.matches as f64, pair.inliers as f64);
+    let (residual, overlap, distance) = (pair.residual_m, pair.overlap, pair.median_distance_m);
+    [t.x, t.y, t.z, q.x, q.y, q.z, q.w, matches, inliers, residual, overlap, distance, *seconds]
+}
+
+fn registration(row: &[f64]) -> PairRegistration {
+    let q = Quaternion::new(row[6], row[3], row[4], row[5]);
+    PairRegistration {
+        // Not normalised again: the numbers must come back as they were.
+        target_from_source: RigidMotion::from_parts(
+            Translation3::new(row[0], row[1], row[2]),
+            UnitQuaternion::new_unchecked(q),
+        ),
+        matches: row[7] as usize,
+        inliers: row[8] as usize,
+        residual_m: row[9],
+        overlap: row[10],
+        median_distance_m: row[11],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn registrations_come_back_to_the_last_bit() {
+        let motion = RigidMotion::new(Vector3::new(0.1, -2.0, 1.0 / 3.0), Vector3::new(0.3, 1.0, -0.7));
+        let found = PairRegistration {
+            target_from_source: motion,
+            matches: 412,
+            inliers: 37,
+            residual_m: 0.031,
+            overlap: 0.4,
+            median_distance_m: 0.01,
+        };
+        let key = |a: u8, b: u8| PairKey { target: [a; 16], source: [b; 16] };
+        let pairs =
+            BTreeMap::from([(key(3, 255), (found, 0.021)), (key(0, 1), (PairRegistration::default(), 0.0))]);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("pairs.npz");
+        write(&path, &pairs).unwrap();
+        assert_eq!(read(&path).unwrap(), pairs);
+        write(&path, &Pairs::new()).unwrap();
+        assert!(read(&path).unwrap().is_empty());
+        std::fs::write(&path, b"no archive").unwrap();
+        assert!(matches!(read(&path), Err(Error::File { .. })));
+    }
+}

@@ -1,0 +1,225 @@
+//! The header of a PCD file, and where it says that coordinates and colours are.
+
+use super::scalar::{Scalar, parse_number};
+use crate::error::{Error, Result};
+use std::path::Path;
+
+#[derive(Debug, Clone)]
+pub(super) struct Field {
+    name: String,
+    scalar: Scalar,
+    pub count: usize,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Encoding {
+    Ascii,
+    Binary,
+    Compressed,
+}
+
+pub(super) struct Header {
+    pub fields: Vec<Field>,
+    pub points: usize,
+    pub viewpoint: Option<[f64; 3]>,
+    pub encoding: Encoding,
+    /// Byte at which the data begin.
+    pub data_start: usize,
+}
+
+/// Where the first value of a field is found.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    pub scalar: Scalar,
+    /// Bytes between the values of neighbouring rows.
+    pub step: usize,
+    /// Byte of the first row's value.
+    pub first: usize,
+    /// Number of values before it in a row of text.
+    pub column: usize,
+}
+
+/// How colour is stored.
+#[derive(Clone, Copy)]
+pub(super) enum Color<T> {
+    /// One number with the bytes 0xAARRGGBB, as an integer or as the bits of a float.
+    Packed(T),
+    Channels([T; 3]),
+}
+
+pub(super) const CUT_SHORT: &str = "copy or export the file again: it is cut short";
+
+pub(super) fn parse_header(path: &Path, bytes: &[u8]) -> Result<Header> {
+    let mut lines = HeaderLines::default();
+    let mut at = 0;
+    let encoding = loop {
+        let Some(length) = bytes.get(at..).and_then(|rest| rest.iter().position(|&b| b == b'\n')) else {
+            return Err(Error::file(
+                path,
+                "a PCD header without a DATA line",
+                "a line DATA before the data",
+                CUT_SHORT,
+            ));
+        };
+        let line = String::from_utf8_lossy(&bytes[at..at + length]).into_owned();
+        at += length + 1;
+        let mut words = line.split('#').next().unwrap_or("").split_ascii_whitespace().map(str::to_owned);
+        let Some(keyword) = words.next() else { continue };
+        let values: Vec<String> = words.collect();
+        match keyword.to_ascii_uppercase().as_str() {
+            "FIELDS" | "COLUMNS" => lines.fields = values,
+            "SIZE" => lines.size = values,
+            "TYPE" => lines.kind = values,
+            "COUNT" => lines.count = values,
+            "WIDTH" => lines.width = values,
+            "HEIGHT" => lines.height = values,
+            "POINTS" => lines.points = values,
+            "VIEWPOINT" => lines.viewpoint = values,
+            "DATA" => {
+                break match values.first().map(String::as_str) {
+                    Some("ascii") => Encoding::Ascii,
+                    Some("binary") => Encoding::Binary,
+                    Some("binary_compressed") => Encoding::Compressed,
+                    other => {
+                        let found = format!("DATA {}", other.unwrap_or(""));
+                        let expected = "DATA ascii, binary or binary_compressed";
+                        return Err(Error::file(path, found, expected, "export the scan again as PCD"));
+                    }
+                };
+            }
+            _ => {}
+        }
+    };
+    lines.into_header(path, encoding, at)
+}
+
+/// The header's entries as text.
+#[derive(Default)]
+struct HeaderLines {
+    fields: Vec<String>,
+    size: Vec<String>,
+    kind: Vec<String>,
+    count: Vec<String>,
+    width: Vec<String>,
+    height: Vec<String>,
+    points: Vec<String>,
+    viewpoint: Vec<String>,
+}
+
+impl HeaderLines {
+    fn into_header(self, path: &Path, encoding: Encoding, data_start: usize) -> Result<Header> {
+        let bad = |found: String, expected: &str| {
+            Error::file(path, found, expected, "correct the PCD header or export the scan again")
+        };
+        let n = self.fields.len();
+        if n == 0
+            || self.size.len() != n
+            || self.kind.len() != n
+            || !(self.count.is_empty() || self.count.len() == n)
+        {
+            let lengths = [n, self.size.len(), self.kind.len(), self.count.len()];
+            return Err(bad(
+                format!("FIELDS, SIZE, TYPE and COUNT with {lengths:?} entries"),
+                "one SIZE, TYPE and COUNT for every field",
+            ));
+        }
+        let mut fields = Vec::with_capacity(n);
+        for (i, name) in self.fields.iter().enumerate() {
+            let scalar = scalar(&self.kind[i], &self.size[i]).ok_or_else(|| {
+                bad(
+                    format!("field {name} of TYPE {} and SIZE {}", self.kind[i], self.size[i]),
+                    "I, U or F of size 1, 2, 4 or 8",
+                )
+            })?;
+            let count = match self.count.get(i) {
+                None => 1,
+                Some(word) => word
+                    .parse::<usize>()
+                    .map_err(|_| bad(format!("COUNT {word} of field {name}"), "a whole number"))?
+                    // PCL itself reads COUNT 0 as 1.
+                    .max(1),
+            };
+            fields.push(Field { name: name.clone(), scalar, count });
+        }
+        let number = |words: &[String]| words.first().and_then(|w| w.parse::<usize>().ok());
+        let grid = number(&self.width).and_then(|w| w.checked_mul(number(&self.height).unwrap_or(1)));
+        // Some writers fill in only one of the two; where both are there POINTS is what PCL allocates for.
+        let points = number(&self.points).or(grid).ok_or_else(|| {
+            let found = format!(
+                "POINTS {} WIDTH {} HEIGHT {}",
+                self.points.join(" "),
+                self.width.join(" "),
+                self.height.join(" ")
+            );
+            bad(found, "the number of points as POINTS, or as WIDTH and HEIGHT")
+        })?;
+        let translation: Vec<f64> = self.viewpoint.iter().take(3).filter_map(|w| parse_number(w)).collect();
+        let viewpoint = <[f64; 3]>::try_from(translation).ok().filter(|t| t.iter().any(|&c| c != 0.0));
+        Ok(Header { fields, points, viewpoint, encoding, data_start })
+    }
+}
+
+fn scalar(kind: &str, size: &str) -> Option<Scalar> {
+    Some(match (kind, size) {
+        ("I", "1") => Scalar::I8,
+        ("U", "1") => Scalar::U8,
+        ("I", "2") => Scalar::I16,
+        ("U", "2") => Scalar::U16,
+        ("I", "4") => Scalar::I32,
+        ("U", "4") => Scalar::U32,
+        ("F", "4") => Scalar::F32,
+        ("I", "8") => Scalar::I64,
+        ("U", "8") => Scalar::U64,
+        ("F", "8") => Scalar::F64,
+        _ => return None,
+    })
+}
+
+impl Header {
+    /// Bytes of one row.
+    pub fn stride(&self, path: &Path) -> Result<usize> {
+        let sum = self
+            .fields
+            .iter()
+            .try_fold(0usize, |sum, f| sum.checked_add(f.scalar.size().checked_mul(f.count)?));
+        sum.ok_or_else(|| {
+            Error::file(
+                path,
+                "a row too long to address",
+                "a sensible COUNT for every field",
+                "correct the PCD header",
+            )
+        })
+    }
+
+    /// Finds coordinates and colours; `columnar` when all values of a field lie together.
+    pub fn places(
+        &self,
+        path: &Path,
+        stride: usize,
+        columnar: bool,
+    ) -> Result<([Place; 3], Option<Color<Place>>)> {
+        let find = |names: &[&str]| {
+            let index =
+                self.fields.iter().position(|f| names.iter().any(|n| f.name.eq_ignore_ascii_case(n)))?;
+            let field = &self.fields[index];
+            let before: usize = self.fields[..index].iter().map(|f| f.scalar.size() * f.count).sum();
+            let column = self.fields[..index].iter().map(|f| f.count).sum();
+            let (step, first) = if columnar {
+                (field.scalar.size() * field.count, before * self.points)
+            } else {
+                (stride, before)
+            };
+            Some(Place { scalar: field.scalar, step, first, column })
+        };
+        let (Some(x), Some(y), Some(z)) = (find(&["x"]), find(&["y"]), find(&["z"])) else {
+            let names: Vec<&str> = self.fields.iter().map(|f| f.name.as_str()).collect();
+            let found = format!("fields [{}]", names.join(", "));
+            return Err(Error::file(path, found, "fields x, y and z", "export the scan with coordinates"));
+        };
+        let channels =
+            || Some(Color::Channels([find(&["r", "red"])?, find(&["g", "green"])?, find(&["b", "blue"])?]));
+        let packed = find(&["rgb", "rgba"]).filter(|p| p.scalar.size() == 4).map(Color::Packed);
+        Ok(([x, y, z], packed.or_else(channels)))
+    }
+}

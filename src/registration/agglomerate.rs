@@ -1,0 +1,156 @@
+//! Registration by joining components, strongest evidence first.
+//!
+//! The published method grows one meta-shape from one pivot and must take the best candidate
+//! there is at each step. Here every scan starts as a meta-shape of its own, any two may join,
+//! and the most certain join of all is made first: what is doubtful waits until both sides have
+//! grown and more scans can speak for it or against it.
+
+use super::assembly::{Assembly, Component};
+use super::assessment::Assessor;
+use super::config::RegistrationConfig;
+use super::evidence;
+use super::incremental::{Lengths, MIN_KEYPOINTS, ScanInput};
+use super::neighbourhood::neighbours_of;
+use super::pairs::{PairRegistration, most_similar_pairs};
+use super::scan_model::ScanModel;
+use crate::error::Result;
+use crate::geometry::RigidMotion;
+use crate::geometry::neighbours::RadiusGrid;
+use crate::monitor::Monitor;
+use crate::scan::{DeclineReason, Outcome, Placement, Reconstruction, ScanId, SimilarityMatrix, Support};
+use rayon::prelude::*;
+use std::collections::{BTreeMap, VecDeque};
+
+/// Looks back at placed scans at most this often.
+const REVIEWS: usize = 3;
+
+/// Registers all scans; see [`super::incremental::register`], which checked the arguments.
+///
+/// # Errors
+/// Only when the monitor is cancelled.
+pub(super) fn register(
+    scans: &[ScanInput<'_>],
+    similarity: &SimilarityMatrix,
+    config: &RegistrationConfig,
+    lengths: Lengths,
+    seed: u64,
+    monitor: &dyn Monitor,
+) -> Result<Reconstruction> {
+    let mut refusals: Vec<Option<DeclineReason>> =
+        scans.iter().map(|s| evidence::unusable(s, MIN_KEYPOINTS, lengths.voxel_m)).collect();
+    let usable: Vec<ScanId> = (0..scans.len()).filter(|&i| refusals[i].is_none()).map(ScanId).collect();
+    let radius_m = lengths.inlier_radius_m;
+    let models: Vec<ScanModel<'_>> = scans
+        .par_iter()
+        .map(|s| ScanModel::new(s.surface, radius_m as f32, config.evidence.points_per_scan))
+        .collect();
+    let assessor = Assessor { models: &models, config, radius_m };
+    let pairwise = PairRegistration::new(scans, &assessor, seed);
+
+    let mut assembly = Assembly::new(&assessor, &usable);
+    let retrieved = most_similar_pairs(similarity, &usable, config.assembly.neighbours);
+    assembly.add_pairs(pairwise.register(&retrieved, monitor)?);
+    join_all(&mut assembly, config, monitor)?;
+    if config.assembly.second_look {
+        let unseen = assembly.unseen_pairs();
+        assembly.add_pairs(pairwise.register(&unseen, monitor)?);
+        join_all(&mut assembly, config, monitor)?;
+    }
+    assembly.refine_all(monitor)?;
+    for _ in 0..if config.assembly.review { REVIEWS } else { 0 } {
+        if assembly.review(monitor)? == 0 {
+            break;
+        }
+        join_all(&mut assembly, config, monitor)?;
+        assembly.refine_all(monitor)?;
+    }
+    let components = assembly.finish();
+    Ok(conclude(scans, components, &mut refusals, config, radius_m as f32))
+}
+
+/// Makes joins, the most certain first, until none is certain enough.
+fn join_all(assembly: &mut Assembly<'_>, config: &RegistrationConfig, monitor: &dyn Monitor) -> Result<()> {
+    while let Some(join) = assembly.best_join(monitor)? {
+        let made = join.probability() >= config.evidence.accept;
+        tracing::debug!(made, "{}", assembly.describe(&join));
+        if made {
+            assembly.join(&join);
+        } else if !(config.assembly.trials && config.joint.enabled && assembly.join_by_trial(monitor)?) {
+            break;
+        }
+        assembly.refine_grown(monitor)?;
+    }
+    Ok(())
+}
+
+/// One outcome a scan; components ordered by size, then by their first scan.
+fn conclude(
+    scans: &[ScanInput<'_>],
+    mut components: Vec<(Component, Vec<Support>)>,
+    refusals: &mut [Option<DeclineReason>],
+    config: &RegistrationConfig,
+    radius_m: f32,
+) -> Reconstruction {
+    let lowest = |c: &Component| c.members.iter().map(|m| m.0).min();
+    components.sort_by_key(|(c, _)| (std::cmp::Reverse(c.members.len()), lowest(c)));
+    let grids: Vec<RadiusGrid<'_>> =
+        scans.par_iter().map(|s| RadiusGrid::new(&s.features.keypoints, radius_m)).collect();
+    let unexplained = DeclineReason::TooFewInliers {
+        inliers: 0,
+        needed: config.evidence.min_inliers.max(MIN_KEYPOINTS),
+        matches: 0,
+    };
+    let mut outcomes: Vec<Outcome> = refusals
+        .iter_mut()
+        .map(|r| Outcome::Declined(r.take().unwrap_or_else(|| unexplained.clone())))
+        .collect();
+    let joined = components.iter().filter(|(c, _)| c.members.len() > 1);
+    for (number, (component, supports)) in joined.enumerate() {
+        let order = tree_order(component);
+        let neighbours: Vec<_> = (0..component.members.len())
+            .into_par_iter()
+            .map(|m| neighbours_of(&component.members, m, &grids))
+            .collect();
+        for (m, neighbours) in neighbours.into_iter().enumerate() {
+            let (scan, world_from_scan) = component.members[m];
+            let (step, link) = order.get(&scan).copied().unwrap_or((component.members.len(), None));
+            let support = Support { parent_from_scan: link.map(|l| l.1), ..supports[m] };
+            let parent = link.map(|l| l.0);
+            outcomes[scan.0] = Outcome::Placed(Placement {
+                world_from_scan,
+                component: number,
+                step,
+                parent,
+                matches: support.matches,
+                inliers: support.inliers,
+                residual_m: support.plane_residual * f64::from(radius_m),
+                support: Some(support),
+                neighbours,
+            });
+        }
+    }
+    Reconstruction { outcomes }
+}
+
+/// Step of every scan, its parent and its pose relative to the parent when the two joined:
+/// breadth first over the joins, from the pivot, earlier joins first.
+fn tree_order(component: &Component) -> BTreeMap<ScanId, (usize, Option<(ScanId, RigidMotion)>)> {
+    let pivot = component.members[0].0;
+    let mut order = BTreeMap::from([(pivot, (0, None))]);
+    let mut queue = VecDeque::from([pivot]);
+    while let Some(scan) = queue.pop_front() {
+        for join in &component.joins {
+            let (other, scan_from_other) = match join.scans {
+                (a, b) if a == scan => (b, join.first_from_second),
+                (a, b) if b == scan => (a, join.first_from_second.inverse()),
+                _ => continue,
+            };
+            let step = order.len();
+            order.entry(other).or_insert_with(|| {
+                queue.push_back(other);
+                (step, Some((scan, scan_from_other)))
+            });
+        }
+    }
+    order
+}

@@ -1,0 +1,696 @@
+//! State of a registration that joins components, strongest evidence first, and the mechanism
+//! of its steps; [`super::agglomerate`] says when each happens.
+
+use super::assessment::{Assessment, Assessor, centre_of};
+use super::config::{JointConfig, RegistrationConfig};
+use super::estimate::same_motion;
+use super::estimate::scoring::Correspondences;
+use super::joint::{JointScan, MatchedPair, close_loops, refine_jointly};
+use super::pairs::ScanPair;
+use super::surface_fit::Posed;
+use crate::error::Result;
+use crate::geometry::rigid::PointMover;
+use crate::geometry::{Point, RigidMotion};
+use crate::monitor::Monitor;
+use crate::scan::{ScanId, Support};
+use rayon::prelude::*;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Clusters of pairwise hypotheses of two components that are assessed.
+const CLUSTERS: usize = 4;
+/// Pairs of components that are assessed at a time.
+const BATCH: usize = 4;
+
+/// A link that joined two components.
+#[derive(Debug, Clone, Copy)]
+pub struct Join {
+    /// The two scans whose registration spoke for it most, one of either component.
+    pub scans: (ScanId, ScanId),
+    /// Pose of the second relative to the first when they joined.
+    pub first_from_second: RigidMotion,
+    /// The evidence between the components.
+    pub support: Support,
+}
+
+/// Scans posed relative to each other.
+#[derive(Debug, Clone)]
+pub struct Component {
+    /// Scans with their poses in the frame of the first, which is the pivot.
+    pub members: Vec<(ScanId, RigidMotion)>,
+    /// The joins that made it: a spanning tree of its scans, in order.
+    pub joins: Vec<Join>,
+    /// Members at the time of the last joint refinement.
+    refined_at: usize,
+}
+
+/// Names a component; every join makes a new one.
+type ComponentId = usize;
+
+/// What is known about two components' relative pose.
+#[derive(Debug, Clone)]
+struct Link {
+    /// Pairs of scans with one in either component.
+    pairs: Vec<usize>,
+    /// Distinct proposals `a_from_b` with the pair that speaks for each most, best first.
+    proposals: Vec<(RigidMotion, usize)>,
+    /// How probable the best proposal is if pairs were independent witnesses.
+    promise: f64,
+    /// Evidence for the best proposal, once it was measured.
+    assessed: Option<(Assessment, usize)>,
+}
+
+/// State of the registration.
+pub struct Assembly<'a> {
+    assessor: &'a Assessor<'a>,
+    pairs: Vec<ScanPair>,
+    components: BTreeMap<ComponentId, Component>,
+    links: BTreeMap<(ComponentId, ComponentId), Link>,
+    next: ComponentId,
+}
+
+/// A join that may be made.
+#[derive(Debug, Clone, Copy)]
+pub struct Proposal {
+    a: ComponentId,
+    b: ComponentId,
+    assessment: Assessment,
+    pair: usize,
+}
+
+impl Proposal {
+    /// Probability that it is right.
+    pub fn probability(&self) -> f64 {
+        self.assessment.probability()
+    }
+}
+
+impl<'a> Assembly<'a> {
+    /// Every scan a component of its own.
+    pub fn new(assessor: &'a Assessor<'a>, scans: &[ScanId]) -> Self {
+        let alone = |&s: &ScanId| Component {
+            members: vec![(s, RigidMotion::identity())],
+            joins: Vec::new(),
+            refined_at: 1,
+        };
+        let components = scans.iter().map(|s| (s.0, alone(s))).collect();
+        let next = scans.iter().map(|s| s.0 + 1).max().unwrap_or(0);
+        Self { assessor, pairs: Vec::new(), components, links: BTreeMap::new(), next }
+    }
+
+    /// Components of scans at given poses, for measuring how evidence relates to truth.
+    pub fn of_groups(assessor: &'a Assessor<'a>, groups: Vec<Vec<(ScanId, RigidMotion)>>) -> Self {
+        let mut assembly = Self::new(assessor, &[]);
+        for members in groups.into_iter().filter(|g| !g.is_empty()) {
+            let refined_at = members.len();
+            assembly.components.insert(assembly.next, Component { members, joins: Vec::new(), refined_at });
+            assembly.next += 1;
+        }
+        assembly
+    }
+
+    /// Centre of a component's scans, in its frame; the origin where there is no such component.
+    pub fn centre(&self, component: usize) -> nalgebra::Point3<f64> {
+        self.components
+            .get(&component)
+            .map_or_else(nalgebra::Point3::origin, |c| centre_of(&self.posed(&c.members)))
+    }
+
+    /// Scans of a component; 0 where there is no such component.
+    pub fn size(&self, component: usize) -> usize {
+        self.components.get(&component).map_or(0, |c| c.members.len())
+    }
+
+    /// All assessed proposals between any two components, as `(a, b, proposals)` with the
+    /// components' places in [`Self::of_groups`].
+    pub fn assessments(&self) -> Vec<(usize, usize, Vec<Assessment>)> {
+        let links: Vec<_> = self.links.iter().collect();
+        links.into_par_iter().map(|(&(a, b), link)| (a, b, self.assess_all((a, b), link))).collect()
+    }
+
+    fn config(&self) -> &RegistrationConfig {
+        self.assessor.config
+    }
+
+    /// Takes in more registered pairs.
+    pub fn add_pairs(&mut self, pairs: Vec<ScanPair>) {
+        self.pairs.extend(pairs);
+        self.relink();
+    }
+
+    /// Links between all components, made anew.
+    fn relink(&mut self) {
+        let home: BTreeMap<ScanId, ComponentId> =
+            self.components.iter().flat_map(|(&id, c)| c.members.iter().map(move |m| (m.0, id))).collect();
+        let mut between: BTreeMap<(ComponentId, ComponentId), Vec<usize>> = BTreeMap::new();
+        for (p, pair) in self.pairs.iter().enumerate() {
+            let (Some(&a), Some(&b)) = (home.get(&pair.i), home.get(&pair.j)) else { continue };
+            if a != b && !pair.hypotheses.is_empty() {
+                between.entry((a.min(b), a.max(b))).or_default().push(p);
+            }
+        }
+        self.links = between.into_iter().map(|(key, pairs)| (key, self.link(key, pairs))).collect();
+    }
+
+    /// Clusters what the pairs between two components say of their relative pose.
+    fn link(&self, (a, b): (ComponentId, ComponentId), pairs: Vec<usize>) -> Link {
+        let (ca, cb) = (&self.components[&a], &self.components[&b]);
+        let of = |c: &Component, s: ScanId| c.members.iter().find(|m| m.0 == s).map(|m| m.1);
+        // Every hypothesis as a motion of b into the frame of a.
+        let mut votes: Vec<(RigidMotion, f64, usize, ScanId)> = Vec::new();
+        for &p in &pairs {
+            let pair = &self.pairs[p];
+            let (Some(in_a), Some(in_b)) =
+                (of(ca, pair.i).or(of(ca, pair.j)), of(cb, pair.j).or(of(cb, pair.i)))
+            else {
+                continue;
+            };
+            let i_in_a = of(ca, pair.i).is_some();
+            for h in &pair.hypotheses {
+                let a_from_b = if i_in_a { h.a_from_b } else { h.a_from_b.inverse() };
+                let of_b = if i_in_a { pair.j } else { pair.i };
+                votes.push((in_a * a_from_b * in_b.inverse(), h.probability(), p, of_b));
+            }
+        }
+        votes.sort_by(|x, y| y.1.total_cmp(&x.1).then(x.2.cmp(&y.2)));
+        let mut clusters: Vec<(RigidMotion, usize, f64)> = Vec::new();
+        let mut free = vec![true; votes.len()];
+        for v in 0..votes.len() {
+            if !free[v] {
+                continue;
+            }
+            let (motion, _, pair, of_b) = votes[v];
+            // Compared where the scans of the pair are: far away a small turn is a large shift.
+            let model = &self.assessor.models[of_b.0];
+            let at = of(cb, of_b).map_or(model.centre.cast(), |pose| pose * model.centre.cast::<f64>());
+            // One pair is one witness, however many of its hypotheses agree.
+            let mut witnesses: BTreeMap<usize, f64> = BTreeMap::new();
+            for (w, other) in votes.iter().enumerate().skip(v) {
+                if free[w] && same_motion(&motion, &other.0, &at, self.assessor.radius_m) {
+                    free[w] = false;
+                    let best = witnesses.entry(other.2).or_default();
+                    *best = best.max(other.1);
+                }
+            }
+            let doubt: f64 = witnesses.values().map(|p| (1.0 - p).ln()).sum();
+            clusters.push((motion, pair, -doubt));
+        }
+        clusters.sort_by(|x, y| y.2.total_cmp(&x.2));
+        clusters.truncate(CLUSTERS);
+        let promise = clusters.first().map_or(0.0, |c| c.2);
+        let mut link = Link {
+            pairs,
+            proposals: clusters.into_iter().map(|(motion, pair, _)| (motion, pair)).collect(),
+            promise,
+            assessed: None,
+        };
+        if let ([only], 1, 1) = (link.pairs.as_slice(), ca.members.len(), cb.members.len()) {
+            // Two scans alone: the evidence between them is what their registration found.
+            let pair = &self.pairs[*only];
+            link.assessed = pair.hypotheses.first().map(|h| {
+                let i_in_a = of(ca, pair.i).is_some();
+                let a_from_b = if i_in_a { h.a_from_b } else { h.a_from_b.inverse() };
+                (Assessment { a_from_b, ..*h }, *only)
+            });
+        }
+        link
+    }
+
+    fn posed(&self, members: &[(ScanId, RigidMotion)]) -> Vec<Posed<'a>> {
+        let models = self.assessor.models;
+        members.iter().map(|&(s, pose)| Posed { model: &models[s.0], group_from_scan: pose }).collect()
+    }
+
+    /// Matches of pairs with one scan in either group, in the groups' frames: sources of `b`.
+    fn matches_between(
+        &self,
+        pairs: &[usize],
+        a: &BTreeMap<ScanId, RigidMotion>,
+        b: &BTreeMap<ScanId, RigidMotion>,
+    ) -> Correspondences {
+        let (mut source, mut target): (Vec<Point>, Vec<Point>) = (Vec::new(), Vec::new());
+        for &p in pairs {
+            let pair = &self.pairs[p];
+            let m = &pair.matches;
+            if let (Some(i), Some(j)) = (a.get(&pair.i), b.get(&pair.j)) {
+                source.extend(PointMover::new(j).points(&m.source));
+                target.extend(PointMover::new(i).points(&m.target));
+            } else if let (Some(j), Some(i)) = (a.get(&pair.j), b.get(&pair.i)) {
+                source.extend(PointMover::new(i).points(&m.target));
+                target.extend(PointMover::new(j).points(&m.source));
+            }
+        }
+        Correspondences::new(&source, &target)
+    }
+
+    /// Measures the evidence for the proposals of a link; most probable first.
+    fn assess_all(&self, (a, b): (ComponentId, ComponentId), link: &Link) -> Vec<Assessment> {
+        let (ca, cb) = (&self.components[&a], &self.components[&b]);
+        let poses = |c: &Component| c.members.iter().copied().collect::<BTreeMap<_, _>>();
+        let matches = self.matches_between(&link.pairs, &poses(ca), &poses(cb));
+        let (ga, gb) = (self.posed(&ca.members), self.posed(&cb.members));
+        let motions: Vec<RigidMotion> = link.proposals.iter().map(|p| p.0).collect();
+        self.assessor.assess(&ga, &gb, &motions, &matches)
+    }
+
+    /// The most probable proposal of a link, and the pair of scans that it came from.
+    fn assess(&self, key: (ComponentId, ComponentId), link: &Link) -> Option<(Assessment, usize)> {
+        let best = self.assess_all(key, link).into_iter().next()?;
+        // The proposal it came from: the nearest one.
+        let centre = centre_of(&self.posed(&self.components[&key.1].members));
+        let distance = |m: &RigidMotion| {
+            (m * centre - best.a_from_b * centre).norm() + m.rotation.angle_to(&best.a_from_b.rotation)
+        };
+        let from = link.proposals.iter().min_by(|x, y| distance(&x.0).total_cmp(&distance(&y.0)))?;
+        Some((best, from.1))
+    }
+
+    /// The best-supported join: links are looked at in the order of their promise until one is
+    /// certain enough; failing that, the most probable of all. `None` without any link.
+    ///
+    /// # Errors
+    /// Only when the monitor is cancelled.
+    pub fn best_join(&mut self, monitor: &dyn Monitor) -> Result<Option<Proposal>> {
+        let mut order: Vec<(ComponentId, ComponentId)> = self.links.keys().copied().collect();
+        order.sort_by(|x, y| self.links[y].promise.total_cmp(&self.links[x].promise).then(x.cmp(y)));
+        let mut best: Option<Proposal> = None;
+        for batch in order.chunks(BATCH) {
+            monitor.check("registration")?;
+            let assessed: Vec<Option<(Assessment, usize)>> = batch
+                .par_iter()
+                .map(|key| {
+                    let link = &self.links[key];
+                    link.assessed.or_else(|| self.assess(*key, link))
+                })
+                .collect();
+            for (&(a, b), found) in batch.iter().zip(assessed) {
+                if let Some(link) = self.links.get_mut(&(a, b)) {
+                    link.assessed = found;
+                }
+                let Some((assessment, pair)) = found else { continue };
+                let proposal = Proposal { a, b, assessment, pair };
+                if best.is_none_or(|old| proposal.probability() > old.probability()) {
+                    best = Some(proposal);
+                }
+            }
+            if best.is_some_and(|p| p.probability() >= self.config().evidence.confident) {
+                break;
+            }
+        }
+        Ok(best)
+    }
+
+    /// A join in words, for the log.
+    pub fn describe(&self, proposal: &Proposal) -> String {
+        let size = |c: &ComponentId| self.components.get(c).map_or(0, |c| c.members.len());
+        let pair = &self.pairs[proposal.pair];
+        format!(
+            "{} with {} scans by {} and {}: {:?}",
+            size(&proposal.a),
+            size(&proposal.b),
+            pair.i,
+            pair.j,
+            proposal.assessment.support
+        )
+    }
+
+    /// Joins two components: the smaller is brought into the frame of the larger.
+    pub fn join(&mut self, proposal: &Proposal) {
+        let (ca, cb) = (self.components.get(&proposal.a), self.components.get(&proposal.b));
+        let (Some(ca), Some(cb)) = (ca, cb) else { return };
+        if let Some(joined) = self.joined(ca, cb, proposal) {
+            self.replace(&[proposal.a, proposal.b], joined);
+        }
+    }
+
+    fn joined(&self, ca: &Component, cb: &Component, proposal: &Proposal) -> Option<Component> {
+        let pair = self.pairs.get(proposal.pair)?;
+        let Assessment { a_from_b, support } = proposal.assessment;
+        // The larger keeps its frame; of equals the one with the lower pivot.
+        let first = (ca.members.len(), std::cmp::Reverse(ca.members[0].0))
+            >= (cb.members.len(), std::cmp::Reverse(cb.members[0].0));
+        let (large, small, large_from_small) =
+            if first { (ca, cb, a_from_b) } else { (cb, ca, a_from_b.inverse()) };
+        let mut joined = large.clone();
+        joined.members.extend(small.members.iter().map(|&(s, pose)| (s, large_from_small * pose)));
+        joined.joins.extend(&small.joins);
+        let pose = |s: ScanId| joined.members.iter().find(|m| m.0 == s).map(|m| m.1);
+        let first_from_second = pose(pair.i)?.inverse() * pose(pair.j)?;
+        joined.joins.push(Join { scans: (pair.i, pair.j), first_from_second, support });
+        Some(joined)
+    }
+
+    fn replace(&mut self, gone: &[ComponentId], with: Component) {
+        for id in gone {
+            self.components.remove(id);
+        }
+        let id = self.next;
+        self.next += 1;
+        self.components.insert(id, with);
+        self.replace_links(gone, id);
+    }
+
+    /// Links of the components in `gone` become links of `id`.
+    fn replace_links(&mut self, gone: &[ComponentId], id: ComponentId) {
+        let mut pairs: BTreeMap<ComponentId, Vec<usize>> = BTreeMap::new();
+        let old: Vec<(ComponentId, ComponentId)> =
+            self.links.keys().copied().filter(|k| gone.contains(&k.0) || gone.contains(&k.1)).collect();
+        for key in old {
+            let Some(link) = self.links.remove(&key) else { continue };
+            let other = if gone.contains(&key.0) { key.1 } else { key.0 };
+            if !gone.contains(&other) {
+                pairs.entry(other).or_default().extend(link.pairs);
+            }
+        }
+        let made: Vec<((ComponentId, ComponentId), Link)> = pairs
+            .into_iter()
+            .map(|(other, mut pairs)| {
+                pairs.sort_unstable();
+                let key = (other.min(id), other.max(id));
+                (key, self.link(key, pairs))
+            })
+            .collect();
+        self.links.extend(made);
+    }
+
+    /// Refines components that grew enough since the last time, with a coarse setting.
+    ///
+    /// # Errors
+    /// Only when the monitor is cancelled.
+    pub fn refine_grown(&mut self, monitor: &dyn Monitor) -> Result<()> {
+        let joint = &self.config().joint;
+        if !joint.enabled || joint.growth <= 1.0 {
+            return Ok(());
+        }
+        let coarse = self.coarse();
+        let due: Vec<ComponentId> = self
+            .components
+            .iter()
+            .filter(|(_, c)| {
+                c.members.len() > 2 && c.members.len() as f64 >= joint.growth * c.refined_at as f64
+            })
+            .map(|c| *c.0)
+            .collect();
+        for id in due {
+            self.refine(id, &coarse, monitor)?;
+        }
+        Ok(())
+    }
+
+    /// The joint refinement as it is made while components still grow.
+    fn coarse(&self) -> JointConfig {
+        let joint = &self.config().joint;
+        JointConfig {
+            points_per_scan: (joint.points_per_scan / 4).max(1),
+            radii: joint.radii.iter().copied().filter(|&r| r >= 1.0).collect(),
+            rounds: 2,
+            ..joint.clone()
+        }
+    }
+
+    /// Refines every component of at least two scans with the full setting.
+    ///
+    /// # Errors
+    /// Only when the monitor is cancelled.
+    pub fn refine_all(&mut self, monitor: &dyn Monitor) -> Result<()> {
+        if self.config().joint.enabled {
+            let full = self.config().joint.clone();
+            for id in self.components.keys().copied().collect::<Vec<_>>() {
+                self.refine(id, &full, monitor)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn refine(&mut self, id: ComponentId, config: &JointConfig, monitor: &dyn Monitor) -> Result<()> {
+        let Some(component) = self.components.get(&id) else { return Ok(()) };
+        let mut component = component.clone();
+        self.refine_component(&mut component, config, monitor)?;
+        self.components.insert(id, component);
+        // Relative poses changed: what pairs say of links did too.
+        self.replace_links(&[id], id);
+        Ok(())
+    }
+
+    fn refine_component(
+        &self,
+        component: &mut Component,
+        config: &JointConfig,
+        monitor: &dyn Monitor,
+    ) -> Result<()> {
+        let models = self.assessor.models;
+        let poses: Vec<RigidMotion> = component.members.iter().map(|m| m.1).collect();
+        let poses = if config.close_loops {
+            close_loops(&poses, &self.matched_pairs(component), self.assessor.radius_m)
+        } else {
+            poses
+        };
+        let scans: Vec<JointScan<'_>> = component
+            .members
+            .iter()
+            .zip(poses)
+            .map(|(m, world_from_scan)| JointScan { surface: models[m.0.0].surface, world_from_scan })
+            .collect();
+        let refined = refine_jointly(&scans, config, self.assessor.radius_m, monitor)?;
+        for (member, pose) in component.members.iter_mut().zip(refined) {
+            member.1 = pose;
+        }
+        component.refined_at = component.members.len();
+        Ok(())
+    }
+
+    /// What the registered pairs within a component say of their relative poses.
+    fn matched_pairs(&self, component: &Component) -> Vec<MatchedPair> {
+        /// Points of a pair at most.
+        const POINTS: usize = 40;
+        let place: BTreeMap<ScanId, usize> =
+            component.members.iter().enumerate().map(|(m, member)| (member.0, m)).collect();
+        self.pairs
+            .par_iter()
+            .filter_map(|pair| {
+                let best = pair.hypotheses.first().filter(|h| h.probability() >= 0.5)?;
+                let (&i, &j) = (place.get(&pair.i)?, place.get(&pair.j)?);
+                let m = &pair.matches;
+                let inliers = Correspondences::new(&m.source, &m.target)
+                    .inliers(&best.a_from_b, self.assessor.radius_m);
+                let step = inliers.len().div_ceil(POINTS).max(1);
+                let points: Vec<(Point, Point)> =
+                    inliers.iter().step_by(step).map(|&k| (m.target[k], m.source[k])).collect();
+                let (scans, points) = if i < j {
+                    ((i, j), points)
+                } else {
+                    ((j, i), points.into_iter().map(|(p, q)| (q, p)).collect())
+                };
+                Some(MatchedPair { scans, points, weight: best.probability() })
+            })
+            .collect()
+    }
+
+    /// A join that fails only because errors added up inside the components: the most promising
+    /// ones are tried out, all poses refined, and judged by how the two sides then sit on each
+    /// other. Makes the best one that suffices; `false` when none does.
+    ///
+    /// # Errors
+    /// Only when the monitor is cancelled.
+    pub fn join_by_trial(&mut self, monitor: &dyn Monitor) -> Result<bool> {
+        /// Links that are tried.
+        const TRIALS: usize = 6;
+        let mut order: Vec<(ComponentId, ComponentId)> = self.links.keys().copied().collect();
+        let known =
+            |k: &(ComponentId, ComponentId)| self.links[k].assessed.map_or(0.0, |a| a.0.probability());
+        order.retain(|k| {
+            known(k) >= 0.01 && self.components[&k.0].members.len() + self.components[&k.1].members.len() > 2
+        });
+        order.sort_by(|x, y| known(y).total_cmp(&known(x)).then(x.cmp(y)));
+        order.truncate(TRIALS);
+        let coarse = self.coarse();
+        let mut best: Option<(f64, Proposal, Component)> = None;
+        for key in order {
+            let Some((assessment, pair)) = self.links[&key].assessed else { continue };
+            let proposal = Proposal { a: key.0, b: key.1, assessment, pair };
+            let (ca, cb) = (&self.components[&key.0], &self.components[&key.1]);
+            let Some(mut joined) = self.joined(ca, cb, &proposal) else { continue };
+            self.refine_component(&mut joined, &coarse, monitor)?;
+            let side = |c: &Component| -> Vec<(ScanId, RigidMotion)> {
+                let of: BTreeSet<ScanId> = c.members.iter().map(|m| m.0).collect();
+                joined.members.iter().copied().filter(|m| of.contains(&m.0)).collect()
+            };
+            let (a, b) = (side(ca), side(cb));
+            let poses = |m: &[(ScanId, RigidMotion)]| m.iter().copied().collect::<BTreeMap<_, _>>();
+            let matches = self.matches_between(&self.links[&key].pairs, &poses(&a), &poses(&b));
+            let inliers = matches.count(&RigidMotion::identity(), self.assessor.radius_m);
+            let judged = self.assessor.measure(
+                &self.posed(&a),
+                &self.posed(&b),
+                &RigidMotion::identity(),
+                matches.len(),
+                inliers,
+                assessment.support.runner_up,
+            );
+            tracing::debug!("trial {}: then {:?}", self.describe(&proposal), judged.support);
+            let probability = judged.probability();
+            if probability >= self.config().evidence.accept && best.as_ref().is_none_or(|b| probability > b.0)
+            {
+                if let Some(last) = joined.joins.last_mut() {
+                    last.support = judged.support;
+                }
+                best = Some((probability, proposal, joined));
+            }
+        }
+        let Some((_, proposal, joined)) = best else { return Ok(false) };
+        self.replace(&[proposal.a, proposal.b], joined);
+        Ok(true)
+    }
+
+    /// Pairs of scans of different components that were not registered yet.
+    pub fn unseen_pairs(&self) -> Vec<(ScanId, ScanId)> {
+        let seen: BTreeSet<(ScanId, ScanId)> = self.pairs.iter().map(|p| (p.i, p.j)).collect();
+        let components: Vec<&Component> = self.components.values().collect();
+        let mut unseen = Vec::new();
+        for (k, a) in components.iter().enumerate() {
+            for b in &components[k + 1..] {
+                for &(i, _) in &a.members {
+                    unseen.extend(b.members.iter().map(|&(j, _)| (i.min(j), i.max(j))));
+                }
+            }
+        }
+        unseen.retain(|pair| !seen.contains(pair));
+        unseen.sort_unstable();
+        unseen
+    }
+
+    /// How a member sits among the others of its component as it is, and the best place there is
+    /// for it elsewhere among them.
+    fn place_of(&self, component: &Component, at: usize) -> (Assessment, Option<Assessment>) {
+        let (scan, pose) = component.members[at];
+        let rest: Vec<(ScanId, RigidMotion)> =
+            component.members.iter().enumerate().filter(|m| m.0 != at).map(|m| *m.1).collect();
+        let rest_poses: BTreeMap<ScanId, RigidMotion> = rest.iter().copied().collect();
+        let alone = [(scan, RigidMotion::identity())];
+        let own: BTreeMap<ScanId, RigidMotion> = alone.into_iter().collect();
+        let pairs: Vec<usize> =
+            (0..self.pairs.len()).filter(|&p| self.pairs[p].i == scan || self.pairs[p].j == scan).collect();
+        let matches = self.matches_between(&pairs, &rest_poses, &own);
+        let (group, single) = (self.posed(&rest), self.posed(&alone));
+        let mut proposals: Vec<(RigidMotion, f64)> = Vec::new();
+        for &p in &pairs {
+            let pair = &self.pairs[p];
+            for h in &pair.hypotheses {
+                let (other, other_from_scan) =
+                    if pair.j == scan { (pair.i, h.a_from_b) } else { (pair.j, h.a_from_b.inverse()) };
+                if let Some(world) = rest_poses.get(&other) {
+                    proposals.push((world * other_from_scan, h.probability()));
+                }
+            }
+        }
+        proposals.sort_by(|x, y| y.1.total_cmp(&x.1));
+        let centre = self.assessor.models[scan.0].centre.cast::<f64>();
+        let same = |x: &RigidMotion, y: &RigidMotion| same_motion(x, y, &centre, self.assessor.radius_m);
+        let mut elsewhere: Vec<RigidMotion> = Vec::new();
+        for (motion, _) in &proposals {
+            if elsewhere.len() < CLUSTERS
+                && !same(motion, &pose)
+                && !elsewhere.iter().any(|m| same(m, motion))
+            {
+                elsewhere.push(*motion);
+            }
+        }
+        let radius_m = self.assessor.radius_m;
+        let here = matches.inliers(&pose, radius_m);
+        let others: Vec<Assessment> = self
+            .assessor
+            .assess(&group, &single, &elsewhere, &matches)
+            .into_iter()
+            .filter(|o| !same(&o.a_from_b, &pose))
+            .collect();
+        let there: Vec<Vec<usize>> = others.iter().map(|o| matches.inliers(&o.a_from_b, radius_m)).collect();
+        let runner_up = self.assessor.runner_up(&matches, &pose, there.iter().map(Vec::as_slice));
+        let current = self.assessor.measure(&group, &single, &pose, matches.len(), here.len(), runner_up);
+        // Against the present place an alternative has that as one more rival.
+        let best = others
+            .into_iter()
+            .map(|o| {
+                let rival = self.assessor.runner_up(&matches, &o.a_from_b, [here.as_slice()].into_iter());
+                let next = o.support.runner_up.max(rival);
+                self.assessor.measure(
+                    &group,
+                    &single,
+                    &o.a_from_b,
+                    o.support.matches,
+                    o.support.inliers,
+                    next,
+                )
+            })
+            .max_by(|x, y| x.probability().total_cmp(&y.probability()));
+        (current, best)
+    }
+
+    /// Looks at every placed scan again with all that is known now: one that fits better
+    /// elsewhere moves there, one that is not supported any more is taken out. Returns how many
+    /// changed.
+    ///
+    /// # Errors
+    /// Only when the monitor is cancelled.
+    pub fn review(&mut self, monitor: &dyn Monitor) -> Result<usize> {
+        let mut changed = 0;
+        for id in self.components.keys().copied().collect::<Vec<_>>() {
+            monitor.check("registration")?;
+            let component = &self.components[&id];
+            if component.members.len() < 3 {
+                continue;
+            }
+            let places: Vec<(Assessment, Option<Assessment>)> =
+                (0..component.members.len()).into_par_iter().map(|m| self.place_of(component, m)).collect();
+            let mut out = Vec::new();
+            let mut component = component.clone();
+            for (member, (current, elsewhere)) in component.members.iter_mut().zip(&places) {
+                let better = elsewhere.filter(|e| {
+                    e.probability() >= self.config().evidence.accept
+                        && e.probability() > current.probability()
+                });
+                if let Some(better) = better {
+                    tracing::debug!(
+                        "review: scan {} moves, {:?} to {:?}",
+                        member.0,
+                        current.support,
+                        better.support
+                    );
+                    member.1 = better.a_from_b;
+                    changed += 1;
+                } else if current.probability() < 0.5 {
+                    tracing::debug!("review: scan {} is taken out, {:?}", member.0, current.support);
+                    out.push(member.0);
+                    changed += 1;
+                }
+            }
+            component.members.retain(|m| !out.contains(&m.0));
+            self.components.insert(id, component);
+            for scan in out {
+                let alone = Component {
+                    members: vec![(scan, RigidMotion::identity())],
+                    joins: Vec::new(),
+                    refined_at: 1,
+                };
+                self.components.insert(self.next, alone);
+                self.next += 1;
+            }
+        }
+        self.components.retain(|_, c| !c.members.is_empty());
+        if changed > 0 {
+            self.relink();
+        }
+        Ok(changed)
+    }
+
+    /// The finished components, each with the final support of every member.
+    pub fn finish(self) -> Vec<(Component, Vec<Support>)> {
+        let supports: Vec<Vec<Support>> = self
+            .components
+            .values()
+            .map(|c| match c.members.len() {
+                1 => vec![Support::default()],
+                n => (0..n).into_par_iter().map(|m| self.place_of(c, m).0.support).collect(),
+            })
+            .collect();
+        self.components.into_values().zip(supports).collect()
+    }
+}

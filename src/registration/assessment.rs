@@ -1,0 +1,159 @@
+//! Evidence for possible relative poses of two groups of scans.
+
+use super::config::RegistrationConfig;
+use super::estimate::same_motion;
+use super::estimate::scoring::Correspondences;
+use super::evidence;
+use super::scan_model::ScanModel;
+use super::surface_fit::{Posed, align, surface_fit};
+use crate::geometry::RigidMotion;
+use crate::geometry::fit::fit_rigid;
+use crate::scan::Support;
+use nalgebra::Point3;
+
+/// A possible relative pose, with what speaks for it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Assessment {
+    /// Takes coordinates of the second group to those of the first.
+    pub a_from_b: RigidMotion,
+    /// What speaks for it; the probability is always there.
+    pub support: Support,
+}
+
+impl Assessment {
+    /// Probability that it is right.
+    pub fn probability(&self) -> f64 {
+        self.support.probability.unwrap_or(0.0)
+    }
+}
+
+/// Measures evidence with one set of models and settings.
+pub struct Assessor<'a> {
+    /// The scans' surfaces, in the order of the scans.
+    pub models: &'a [ScanModel<'a>],
+    /// Settings.
+    pub config: &'a RegistrationConfig,
+    /// τ, metres.
+    pub radius_m: f64,
+}
+
+impl Assessor<'_> {
+    /// Aligns every proposed motion of group `b` to group `a`, drops repetitions, and measures
+    /// the evidence for the first [`super::config::EvidenceConfig::hypotheses`] that are left, most inliers
+    /// first. Most probable first.
+    ///
+    /// `matches` pairs points of `b` (sources) with points of `a` (targets), in the groups' frames.
+    pub fn assess(
+        &self,
+        a: &[Posed<'_>],
+        b: &[Posed<'_>],
+        proposals: &[RigidMotion],
+        matches: &Correspondences,
+    ) -> Vec<Assessment> {
+        let centre = centre_of(b);
+        let mut distinct: Vec<(RigidMotion, Vec<usize>)> = Vec::new();
+        for proposal in proposals {
+            let motion = self.fit_matches(a, b, proposal, matches);
+            let motion = align(a, b, &motion, self.config.evidence.align_rounds, self.align_stride(a, b));
+            if !distinct.iter().any(|(other, _)| same_motion(other, &motion, &centre, self.radius_m)) {
+                distinct.push((motion, matches.inliers(&motion, self.radius_m)));
+            }
+        }
+        distinct.sort_by_key(|d| std::cmp::Reverse(d.1.len()));
+        let considered = distinct.len().min(self.config.evidence.hypotheses);
+        let mut assessed: Vec<Assessment> = (0..considered)
+            .map(|h| {
+                let (a_from_b, inliers) = &distinct[h];
+                let others = distinct.iter().enumerate().filter(|o| o.0 != h).map(|o| o.1.1.as_slice());
+                let runner_up = self.runner_up(matches, a_from_b, others);
+                self.measure(a, b, a_from_b, matches.len(), inliers.len(), runner_up)
+            })
+            .collect();
+        // A stable sort: what is equally probable keeps the order of inliers.
+        assessed.sort_by(|x, y| y.probability().total_cmp(&x.probability()));
+        assessed
+    }
+
+    /// Between groups, the closed-form fit to the matches near a proposal, narrowing down: what two
+    /// scans say of their groups is far off where the groups reach far beyond the two.
+    fn fit_matches(
+        &self,
+        a: &[Posed<'_>],
+        b: &[Posed<'_>],
+        proposal: &RigidMotion,
+        matches: &Correspondences,
+    ) -> RigidMotion {
+        let mut motion = *proposal;
+        if a.len() + b.len() <= 2 {
+            return motion;
+        }
+        for factor in [4.0, 2.0, 1.5] {
+            let near = matches.inliers(&motion, factor * self.radius_m);
+            if near.len() < 6 {
+                break;
+            }
+            let pairs = near.iter().map(|&i| {
+                let (s, t) = matches.pair(i);
+                (s, t, 1.0)
+            });
+            let Some(fitted) = fit_rigid(pairs) else { break };
+            motion = fitted;
+        }
+        motion
+    }
+
+    /// Most inliers of another hypothesis that speak against this motion: those which it does not
+    /// bring within 2τ.
+    pub fn runner_up<'m>(
+        &self,
+        matches: &Correspondences,
+        a_from_b: &RigidMotion,
+        others: impl Iterator<Item = &'m [usize]>,
+    ) -> usize {
+        let explained = matches.inliers(a_from_b, 2.0 * self.radius_m);
+        others
+            .map(|other| other.iter().filter(|&i| explained.binary_search(i).is_err()).count())
+            .max()
+            .unwrap_or(0)
+    }
+
+    /// The evidence for one motion, which is not changed.
+    pub fn measure(
+        &self,
+        a: &[Posed<'_>],
+        b: &[Posed<'_>],
+        a_from_b: &RigidMotion,
+        matches: usize,
+        inliers: usize,
+        runner_up: usize,
+    ) -> Assessment {
+        let fit = surface_fit(a, b, a_from_b);
+        let mut support = Support {
+            matches,
+            inliers,
+            runner_up,
+            overlap: fit.overlap,
+            normal_agreement: fit.normal_agreement,
+            plane_residual: fit.plane_residual,
+            violation: fit.violation,
+            stiffness: fit.stiffness,
+            ..Support::default()
+        };
+        support.probability = Some(evidence::probability(&support, &self.config.evidence.weights));
+        Assessment { a_from_b: *a_from_b, support }
+    }
+
+    /// Large groups have points to spare: every n-th of their samples fixes six numbers as well.
+    fn align_stride(&self, a: &[Posed<'_>], b: &[Posed<'_>]) -> usize {
+        2 * a.len().min(b.len()).clamp(1, 4)
+    }
+}
+
+/// Mean of the centres of a group's scans, in the group's frame.
+pub fn centre_of(group: &[Posed<'_>]) -> Point3<f64> {
+    let sum = group
+        .iter()
+        .map(|p| (p.group_from_scan * p.model.centre.cast::<f64>()).coords)
+        .sum::<nalgebra::Vector3<f64>>();
+    Point3::from(sum / group.len().max(1) as f64)
+}

@@ -1,0 +1,124 @@
+//! What the engine keeps of a scan to compare its surface with others': an index, a thin
+//! sample, a bounding sphere, and how far it saw in every direction.
+
+use crate::geometry::neighbours::RadiusGrid;
+use crate::geometry::{Direction, Point};
+use crate::scan::Surface;
+
+/// A scan's surface prepared for comparison, all in its own frame.
+pub struct ScanModel<'a> {
+    /// Points and normals.
+    pub surface: &'a Surface,
+    /// Index of the points with the radius that surfaces are compared at.
+    pub grid: RadiusGrid<'a>,
+    /// Rows of the surface that are compared: evenly strided among those with a normal.
+    pub sample: Vec<u32>,
+    /// Centre of the bounding sphere of surface and viewpoint.
+    pub centre: Point,
+    /// Radius of the bounding sphere, metres.
+    pub reach_m: f32,
+    /// How far the scan saw.
+    pub sight: Sight,
+}
+
+impl<'a> ScanModel<'a> {
+    /// Prepares a surface for comparisons within `radius_m` of at most `points` of its points.
+    pub fn new(surface: &'a Surface, radius_m: f32, points: usize) -> Self {
+        let usable: Vec<u32> = (0..surface.len() as u32)
+            .filter(|&i| surface.normals[i as usize] != Direction::zeros())
+            .collect();
+        let count = usable.len().min(points);
+        let sample = (0..count).map(|k| usable[k * usable.len() / count]).collect();
+        let low = surface.points.iter().fold(Point::from([f32::INFINITY; 3]), |c, p| c.inf(p));
+        let high = surface.points.iter().fold(Point::from([f32::NEG_INFINITY; 3]), |c, p| c.sup(p));
+        let centre = if surface.is_empty() { Point::origin() } else { nalgebra::center(&low, &high) };
+        // The space between viewpoint and surface counts too: it was seen to be empty.
+        let reach_m = surface.points.iter().chain([&surface.viewpoint]).map(|p| (p - centre).norm());
+        let reach_m = if surface.is_empty() { 0.0 } else { reach_m.fold(0.0, f32::max) };
+        Self {
+            surface,
+            grid: RadiusGrid::new(&surface.points, radius_m),
+            sample,
+            centre,
+            reach_m,
+            sight: Sight::new(surface),
+        }
+    }
+}
+
+/// Columns of a [`Sight`]: 3° each.
+const AZIMUTHS: usize = 120;
+/// Rows of a [`Sight`]: 3° each.
+const ELEVATIONS: usize = 60;
+
+/// Distance of the nearest surface from the viewpoint in every direction that the scan saw
+/// something in: what lies nearer was empty when the scan was taken.
+pub struct Sight {
+    viewpoint: Point,
+    /// `[ELEVATIONS · AZIMUTHS]`, metres; infinite where nothing was seen.
+    nearest_m: Vec<f32>,
+}
+
+impl Sight {
+    fn new(surface: &Surface) -> Self {
+        let mut nearest_m = vec![f32::INFINITY; AZIMUTHS * ELEVATIONS];
+        for p in &surface.points {
+            if let Some((bin, distance)) = bin(&surface.viewpoint, p) {
+                nearest_m[bin] = nearest_m[bin].min(distance);
+            }
+        }
+        Self { viewpoint: surface.viewpoint, nearest_m }
+    }
+
+    /// How far in front of what the scan saw in its direction a point lies, metres: positive in
+    /// space that was seen to be empty, `None` where the scan saw nothing.
+    #[inline]
+    pub fn in_front_m(&self, p: &Point) -> Option<f32> {
+        let (bin, distance) = bin(&self.viewpoint, p)?;
+        let nearest = self.nearest_m[bin];
+        (nearest < f32::INFINITY).then(|| nearest - distance)
+    }
+}
+
+/// Direction bin of a point seen from the viewpoint, and its distance.
+#[inline]
+fn bin(viewpoint: &Point, p: &Point) -> Option<(usize, f32)> {
+    let d = p - viewpoint;
+    let distance = d.norm();
+    if distance <= f32::EPSILON {
+        return None;
+    }
+    let share = |v: f32, n: usize| ((v * n as f32) as usize).min(n - 1);
+    let azimuth = d.y.atan2(d.x) / std::f32::consts::TAU + 0.5;
+    // Rows of equal angle, not of equal area: sensors sample angles.
+    let elevation = (d.z / distance).clamp(-1.0, 1.0).asin() / std::f32::consts::PI + 0.5;
+    Some((share(elevation, ELEVATIONS) * AZIMUTHS + share(azimuth, AZIMUTHS), distance))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A wall at x = 3 m, seen from the origin.
+    fn wall() -> Surface {
+        let points: Vec<Point> = (0..6400)
+            .map(|i| Point::new(3.0, (i % 80) as f32 * 0.05 - 2.0, (i / 80) as f32 * 0.05 - 2.0))
+            .collect();
+        Surface { normals: vec![-Direction::x(); points.len()], points, viewpoint: Point::origin() }
+    }
+
+    #[test]
+    fn what_lies_between_the_viewpoint_and_the_wall_is_in_front_by_that_much() {
+        let wall = wall();
+        let model = ScanModel::new(&wall, 0.07, 100);
+        assert_eq!(model.sample.len(), 100);
+        let at = |x: f32, y: f32| model.sight.in_front_m(&Point::new(x, y, 0.0));
+        // A bin is 3° wide: the nearest of its wall points is nearer by at most 3°·tan(0) of it.
+        assert!((at(1.0, 0.0).unwrap() - 2.0).abs() < 0.02);
+        assert!((at(4.0, 0.0).unwrap() + 1.0).abs() < 0.02);
+        // The scan saw nothing behind itself or beside the wall.
+        assert_eq!(at(-1.0, 0.0), None);
+        assert_eq!(at(0.5, 3.0), None);
+        assert!((model.centre - Point::new(3.0, -0.025, -0.025)).norm() < 1e-5);
+    }
+}

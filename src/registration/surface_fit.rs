@@ -1,0 +1,370 @@
+//! How the surfaces of two groups of posed scans sit on each other, and the small motion that
+//! makes them sit better.
+//!
+//! One pass over sampled points gives everything: what touches, whether normals agree there,
+//! the distance to tangent planes (with the normal equations that reduce it; Chen & Medioni
+//! 1991), and how much of either side lies in space that the other saw to be empty.
+
+use super::scan_model::ScanModel;
+use crate::geometry::RigidMotion;
+use crate::geometry::rigid::PointMover;
+use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
+
+/// Normals within this agree: cosine of 45°.
+const AGREEING: f32 = std::f32::consts::FRAC_1_SQRT_2;
+/// Points further in front of a seen surface than this many radii contradict it.
+const MARGIN: f32 = 3.0;
+
+/// A scan at a pose in the frame of its group.
+#[derive(Clone, Copy)]
+pub struct Posed<'a> {
+    /// The scan's surface.
+    pub model: &'a ScanModel<'a>,
+    /// Its pose in the group's frame.
+    pub group_from_scan: RigidMotion,
+}
+
+/// How two groups of surfaces sit on each other.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SurfaceFit {
+    /// Touching points, in units of the points sampled from one scan: what a scan would have
+    /// that lay on known surface altogether is 1. The smaller of the two sides.
+    pub overlap: f64,
+    /// Share of the touching points whose normals agree within 45°, in `[0, 1]`.
+    pub normal_agreement: f64,
+    /// Root mean square distance to the tangent planes where normals agree, in units of the radius.
+    pub plane_residual: f64,
+    /// Points in space that a scan of the other group saw to be empty, over these and the
+    /// touching ones, in `[0, 1]`.
+    pub violation: f64,
+    /// Smallest eigenvalue of the information about the relative pose per touching point,
+    /// lengths in units of the spread of these points: 0 where some motion is free.
+    pub stiffness: f64,
+}
+
+/// Sums over the sampled points of both groups.
+#[derive(Debug, Clone)]
+struct Sums {
+    touching: [usize; 2],
+    agreeing: usize,
+    violating: usize,
+    squared: f64,
+    /// Σ w h hᵀ and Σ w r h of a left perturbation of group b, h = [x×n; n].
+    information: Matrix6<f64>,
+    gradient: Vector6<f64>,
+    /// Σ h hᵀ, Σ x and Σ |x|² over agreeing points, for the stiffness.
+    plain: Matrix6<f64>,
+    sum: Vector3<f64>,
+    square: f64,
+}
+
+impl Sums {
+    fn new() -> Self {
+        Self {
+            touching: [0; 2],
+            agreeing: 0,
+            violating: 0,
+            squared: 0.0,
+            information: Matrix6::zeros(),
+            gradient: Vector6::zeros(),
+            plain: Matrix6::zeros(),
+            sum: Vector3::zeros(),
+            square: 0.0,
+        }
+    }
+}
+
+/// What the scans of the other group say of one point: distance to the nearest agreeing tangent
+/// plane with the point and normal there, or that only disagreeing surface is near.
+#[derive(Clone, Copy)]
+enum Touch {
+    Nothing,
+    Disagreeing,
+    Agreeing { off: f32, world: Point3<f64>, normal: Vector3<f64> },
+}
+
+/// Measures group `b` moved by `a_from_b` against group `a`, within the radius of the models' grids.
+pub fn surface_fit(a: &[Posed<'_>], b: &[Posed<'_>], a_from_b: &RigidMotion) -> SurfaceFit {
+    let sums = pass(a, b, a_from_b, 1, None);
+    let Some(first) = a.first().or(b.first()) else { return SurfaceFit::default() };
+    let radius_m = f64::from(first.model.grid.radius_m());
+    let touching = (sums.touching[0] + sums.touching[1]) as f64;
+    let per_scan =
+        |group: &[Posed<'_>]| group.iter().map(|p| p.model.sample.len()).max().unwrap_or(0).max(1) as f64;
+    SurfaceFit {
+        overlap: (sums.touching[0] as f64 / per_scan(a)).min(sums.touching[1] as f64 / per_scan(b)),
+        normal_agreement: sums.agreeing as f64 / touching.max(1.0),
+        plane_residual: (sums.squared / sums.agreeing.max(1) as f64).sqrt() / radius_m,
+        violation: sums.violating as f64 / (sums.violating as f64 + touching).max(1.0),
+        stiffness: stiffness(&sums),
+    }
+}
+
+/// The motion near `a_from_b` at which the tangent planes of the two groups meet best: at most
+/// `rounds` Gauss–Newton steps with new counterparts each, on every `stride`-th sampled point.
+pub fn align(
+    a: &[Posed<'_>],
+    b: &[Posed<'_>],
+    a_from_b: &RigidMotion,
+    rounds: usize,
+    stride: usize,
+) -> RigidMotion {
+    let mut current = *a_from_b;
+    // Small steps do not bring scans together that were apart: who touches is found once.
+    let mut touching = Vec::new();
+    for _ in 0..rounds {
+        let sums = pass(a, b, &current, stride, Some(&mut touching));
+        if sums.agreeing < 20 {
+            break;
+        }
+        let mut damped = sums.information;
+        // Directions that nothing holds stay: light damping relative to the strongest one.
+        let floor = 1e-4 * sums.information.diagonal().max();
+        for d in 0..6 {
+            damped[(d, d)] += floor;
+        }
+        let Some(step) = damped.cholesky().map(|c| c.solve(&-sums.gradient)) else { break };
+        let turn = UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2]));
+        let shift = Translation3::new(step[3], step[4], step[5]);
+        current = Isometry3::from_parts(shift, turn) * current;
+        if step.norm() < 1e-4 {
+            break;
+        }
+    }
+    current
+}
+
+/// Who is compared with whom: side, place of the scan in its group, place in the other group.
+type Contact = (usize, usize, usize);
+
+/// Sums over the points of both groups. With `contacts`, only those scans are compared, and
+/// sight is not judged; an empty list is filled with all scans that touch.
+fn pass(
+    a: &[Posed<'_>],
+    b: &[Posed<'_>],
+    a_from_b: &RigidMotion,
+    stride: usize,
+    mut contacts: Option<&mut Vec<Contact>>,
+) -> Sums {
+    let mut sums = Sums::new();
+    let known = contacts.as_deref().filter(|c| !c.is_empty()).cloned();
+    let identity = RigidMotion::identity();
+    // Points of a on b's surfaces, then the other way round; world is the frame of a.
+    for (side, (from, from_motion, to, to_motion)) in
+        [(a, &identity, b, a_from_b), (b, a_from_b, a, &identity)].into_iter().enumerate()
+    {
+        let to_poses: Vec<RigidMotion> = to.iter().map(|t| to_motion * t.group_from_scan).collect();
+        for (f, scan) in from.iter().enumerate() {
+            let world_from_scan = from_motion * scan.group_from_scan;
+            let mut points = Touches::new(scan.model, &world_from_scan, stride);
+            for (t, (other, world_from_other)) in to.iter().zip(&to_poses).enumerate() {
+                if known.as_ref().is_some_and(|k| k.binary_search(&(side, f, t)).is_err()) {
+                    continue;
+                }
+                let touched = points.compare(other.model, world_from_other, contacts.is_none());
+                if let (true, None, Some(found)) = (touched, &known, contacts.as_deref_mut()) {
+                    found.push((side, f, t));
+                }
+            }
+            points.add_to(&mut sums, side);
+        }
+    }
+    sums
+}
+
+/// The sampled points of one scan while the scans of the other group are gone through.
+struct Touches<'a> {
+    model: &'a ScanModel<'a>,
+    world_from_scan: &'a RigidMotion,
+    rows: Vec<usize>,
+    touches: Vec<Touch>,
+    violated: Vec<bool>,
+}
+
+impl<'a> Touches<'a> {
+    fn new(model: &'a ScanModel<'a>, world_from_scan: &'a RigidMotion, stride: usize) -> Self {
+        let rows: Vec<usize> = model.sample.iter().step_by(stride).map(|&i| i as usize).collect();
+        let (touches, violated) = (vec![Touch::Nothing; rows.len()], vec![false; rows.len()]);
+        Self { model, world_from_scan, rows, touches, violated }
+    }
+
+    /// Takes in one scan of the other group; whether any point touches it.
+    fn compare(&mut self, other: &ScanModel<'_>, world_from_other: &RigidMotion, judge_sight: bool) -> bool {
+        let model = self.model;
+        let other_from_scan = world_from_other.inverse() * self.world_from_scan;
+        let centre = other_from_scan * model.centre.cast::<f64>();
+        let apart = (centre - other.centre.cast::<f64>()).norm();
+        let radius_m = other.grid.radius_m();
+        // What a scan saw lies within its sphere, and so does the space that it saw through.
+        if apart > f64::from(model.reach_m + other.reach_m + radius_m) {
+            return false;
+        }
+        let mover = PointMover::new(&other_from_scan);
+        let mut touched = false;
+        for ((&row, touch), violated) in self.rows.iter().zip(&mut self.touches).zip(&mut self.violated) {
+            let moved = mover.point(&model.surface.points[row]);
+            if let Some((near, _)) = other.grid.nearest(&moved) {
+                touched = true;
+                let n = other.surface.normals[near];
+                let off = n.dot(&(moved - other.surface.points[near]));
+                if n.dot(&mover.direction(&model.surface.normals[row])) < AGREEING {
+                    if matches!(touch, Touch::Nothing) {
+                        *touch = Touch::Disagreeing;
+                    }
+                } else if !matches!(touch, Touch::Agreeing { off: old, .. } if old.abs() <= off.abs()) {
+                    let world = world_from_other * moved.cast::<f64>();
+                    let normal = world_from_other.rotation * n.cast::<f64>();
+                    *touch = Touch::Agreeing { off, world, normal };
+                }
+            } else if judge_sight && !*violated {
+                *violated = other.sight.in_front_m(&moved).is_some_and(|m| m > MARGIN * radius_m);
+            }
+        }
+        touched
+    }
+
+    fn add_to(&self, sums: &mut Sums, side: usize) {
+        let radius_m = f64::from(self.model.grid.radius_m());
+        for (touch, &violated) in self.touches.iter().zip(&self.violated) {
+            add(sums, side, touch, violated, radius_m);
+        }
+    }
+}
+
+fn add(sums: &mut Sums, side: usize, touch: &Touch, violated: bool, radius_m: f64) {
+    match *touch {
+        Touch::Nothing => sums.violating += usize::from(violated),
+        Touch::Disagreeing => sums.touching[side] += 1,
+        Touch::Agreeing { off, world, normal } => {
+            sums.touching[side] += 1;
+            sums.agreeing += 1;
+            let r = f64::from(off);
+            sums.squared += r * r;
+            let m = world.coords.cross(&normal);
+            let h = Vector6::new(m.x, m.y, m.z, normal.x, normal.y, normal.z);
+            let outer = h * h.transpose();
+            let w = (1.0 - (r / radius_m).powi(2)).max(0.0).powi(2); // Tukey's biweight
+            sums.information += outer * w;
+            // The residual n·(x − y) grows with a motion of x: b's points move along h, and
+            // where a's points lie on b's planes the planes move instead.
+            let sign = if side == 1 { 1.0 } else { -1.0 };
+            sums.gradient += h * (sign * w * r);
+            sums.plain += outer;
+            sums.sum += world.coords;
+            sums.square += world.coords.norm_squared();
+        }
+    }
+}
+
+/// Smallest eigenvalue of Σ g gᵀ / n with g = [(x − c)×n / s; n], c the centroid and s the spread
+/// (root mean square distance from it) of the agreeing points (Gelfand et al. 2003).
+fn stiffness(sums: &Sums) -> f64 {
+    let n = sums.agreeing as f64;
+    if n < 6.0 {
+        return 0.0;
+    }
+    let c = sums.sum / n;
+    let spread = (sums.square / n - c.norm_squared()).max(0.0).sqrt();
+    if spread <= 0.0 {
+        return 0.0;
+    }
+    let mut m = Matrix6::identity();
+    m.fixed_view_mut::<3, 3>(0, 3).copy_from(&-c.cross_matrix());
+    let mut h = m * sums.plain * m.transpose() / n;
+    let scale = Matrix6::from_diagonal(&Vector6::new(1.0, 1.0, 1.0, spread, spread, spread)) / spread;
+    h = scale * h * scale;
+    h.symmetric_eigenvalues().min().max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::rigid::{rotation_error_rad, translation_error_m};
+    use crate::geometry::{Direction, Point};
+    use crate::scan::Surface;
+    use approx::assert_relative_eq;
+
+    /// A 2 m square at z = 0, every 5 cm, normals up, seen from 1.5 m above its corner.
+    fn floor() -> Surface {
+        Surface {
+            points: (0..1600)
+                .map(|i| Point::new((i % 40) as f32 * 0.05, (i / 40) as f32 * 0.05, 0.0))
+                .collect(),
+            normals: vec![Direction::z(); 1600],
+            viewpoint: Point::new(0.0, 0.0, 1.5),
+        }
+    }
+
+    /// Three mutually perpendicular walls, 2 m wide, every 2.5 cm, seen from inside.
+    fn corner() -> Surface {
+        let mut surface = Surface { viewpoint: Point::new(1.5, 1.5, 1.5), ..Surface::default() };
+        for i in 0..6400 {
+            let (u, v) = ((i % 80) as f32 * 0.025, (i / 80) as f32 * 0.025);
+            surface.points.extend([[u, v, 0.0], [u, 0.0, v], [0.0, u, v]].map(Point::from));
+            surface.normals.extend([Direction::z(), Direction::y(), Direction::x()]);
+        }
+        surface
+    }
+
+    fn between(a: &Surface, b: &Surface, a_from_b: &RigidMotion) -> SurfaceFit {
+        let (a, b) = (ScanModel::new(a, 0.07, 10_000), ScanModel::new(b, 0.07, 10_000));
+        let posed = |model| Posed { model, group_from_scan: RigidMotion::identity() };
+        surface_fit(&[posed(&a)], &[posed(&b)], a_from_b)
+    }
+
+    #[test]
+    fn half_a_floor_two_centimetres_up_has_half_the_overlap_and_that_residual() {
+        let fit = between(&floor(), &floor(), &RigidMotion::translation(1.0, 0.0, 0.02));
+        // 20 of 40 columns lie on columns; one more reaches over the edge by 5 cm.
+        assert_relative_eq!(fit.overlap, 21.0 / 40.0, epsilon = 1e-9);
+        assert_relative_eq!(fit.normal_agreement, 1.0);
+        assert_relative_eq!(fit.plane_residual, 0.02 / 0.07, epsilon = 1e-4);
+        // A plane can slide two ways and spin: nothing holds it.
+        assert_relative_eq!(fit.stiffness, 0.0, epsilon = 1e-9);
+    }
+
+    #[test]
+    fn a_floor_upside_down_does_not_agree() {
+        let turned = RigidMotion::rotation(Vector3::x() * std::f64::consts::PI);
+        let fit = between(&floor(), &floor(), &(RigidMotion::translation(0.0, 1.95, 0.0) * turned));
+        assert_relative_eq!(fit.overlap, 1.0, epsilon = 0.01);
+        assert_eq!(fit.normal_agreement, 0.0);
+    }
+
+    #[test]
+    fn a_floor_hanging_in_the_air_lies_in_space_seen_to_be_empty() {
+        // 40 cm above the floor and below the viewpoint: nearly all of it is in front of the other
+        // floor (all but what lies beyond its edge as seen from above); the lower one lies behind.
+        let fit = between(&floor(), &floor(), &RigidMotion::translation(0.0, 0.0, 0.4));
+        assert_eq!(fit.overlap, 0.0);
+        assert_relative_eq!(fit.violation, 1.0);
+        let apart = between(&floor(), &floor(), &RigidMotion::translation(0.0, 0.0, -20.0));
+        assert_eq!(apart.violation, 0.0);
+    }
+
+    #[test]
+    fn three_perpendicular_planes_are_as_stiff_as_their_closed_form_says() {
+        // Each translation is seen by a third of the points: the translational eigenvalues of
+        // Σ n nᵀ / n are 1/3, and no eigenvalue of the whole can exceed the least of a block.
+        let fit = between(&corner(), &corner(), &RigidMotion::identity());
+        assert!(fit.stiffness > 0.02 && fit.stiffness <= 1.0 / 3.0, "{}", fit.stiffness);
+    }
+
+    #[test]
+    fn alignment_returns_to_the_exact_motion_from_either_side() {
+        // Two copies of a corner, one of them in another frame: the exact motion has no residual.
+        let truth = RigidMotion::new(Vector3::new(0.4, -0.2, 0.1), Vector3::new(0.2, 0.5, -0.3));
+        let (one, mut other) = (corner(), corner());
+        let mover = PointMover::new(&truth.inverse());
+        other.points = mover.points(&other.points);
+        other.normals = other.normals.iter().map(|n| mover.direction(n)).collect();
+        let (a, b) = (ScanModel::new(&one, 0.07, 500), ScanModel::new(&other, 0.07, 500));
+        let posed = |model| Posed { model, group_from_scan: RigidMotion::identity() };
+        let off = RigidMotion::new(Vector3::new(0.03, -0.02, 0.025), Vector3::new(0.01, -0.015, 0.01));
+        for (from, to, exact) in [(&a, &b, truth), (&b, &a, truth.inverse())] {
+            let found = align(&[posed(from)], &[posed(to)], &(off * exact), 10, 1);
+            assert!(translation_error_m(&found, &exact) < 1e-3, "{}", translation_error_m(&found, &exact));
+            assert!(rotation_error_rad(&found, &exact) < 1e-3);
+        }
+    }
+}
