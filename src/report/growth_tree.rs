@@ -47,9 +47,9 @@ pub fn svg(diagnosis: &Diagnosis) -> String {
     );
     let mut x = MARGIN;
     for (color, meaning) in MEANINGS {
-        write!(
+        writeln!(
             out,
-            "<circle cx=\"{x:.0}\" cy=\"18\" r=\"5\" fill=\"{color}\"/><text x=\"{:.0}\" y=\"22\">{meaning}</text>\n",
+            "<circle cx=\"{x:.0}\" cy=\"18\" r=\"5\" fill=\"{color}\"/><text x=\"{:.0}\" y=\"22\">{meaning}</text>",
             x + 10.0
         )
         .ok();
