@@ -44,6 +44,7 @@ pub mod retrieval;
 pub mod scan;
 pub mod synchronization;
 pub mod synthetic;
+pub mod tensor_file;
 pub mod training;
 
 /// The examples of the README, compiled with the tests.

@@ -8,7 +8,7 @@ pub use pairs::PairCache;
 
 use crate::config::Config;
 use crate::descriptor::scale::{self, ScaleWarning, WorkingScale};
-use crate::descriptor::{DescriptorKind, surface};
+use crate::descriptor::{Describer, DescriptorKind, surface};
 use crate::error::{Error, Result};
 use crate::monitor::Monitor;
 use crate::registration::incremental::{self, Lengths, ScanInput};
@@ -220,7 +220,7 @@ fn check_scans(scans: &[Scan]) -> Result<()> {
     Err(Error::input("inputs", found, "at least two scans to register with each other", "name more scans"))
 }
 
-fn thin(scans: &[Scan], scale: &WorkingScale, monitor: &dyn Monitor) -> Result<Vec<Surface>> {
+pub(crate) fn thin(scans: &[Scan], scale: &WorkingScale, monitor: &dyn Monitor) -> Result<Vec<Surface>> {
     const STAGE: &str = "surfaces";
     monitor.begin(STAGE, scans.len());
     let surfaces: Vec<Result<Surface>> = scans
@@ -237,10 +237,18 @@ fn thin(scans: &[Scan], scale: &WorkingScale, monitor: &dyn Monitor) -> Result<V
 }
 
 /// What the descriptors of `features` mean; `None` when there is none.
-pub fn descriptor_tag(config: &Config, scale: &WorkingScale, features: &[Features]) -> Option<DescriptorTag> {
-    let dim = features.iter().map(|f| f.descriptors.dim()).find(|&d| d > 0)?;
+///
+/// # Errors
+/// Those of [`Describer::new`].
+pub fn descriptor_tag(
+    config: &Config,
+    scale: &WorkingScale,
+    features: &[Features],
+) -> Result<Option<DescriptorTag>> {
+    let Some(dim) = features.iter().map(|f| f.descriptors.dim()).find(|&d| d > 0) else { return Ok(None) };
     let name = config.descriptor.descriptor_name().to_owned();
-    Some(DescriptorTag { name, dim, settings_hash: config.descriptor.settings_hash(scale) })
+    let settings_hash = Describer::new(&config.descriptor)?.settings_hash(scale);
+    Ok(Some(DescriptorTag { name, dim, settings_hash }))
 }
 
 /// The trained head that the settings ask for, if it fits these features.
@@ -252,7 +260,7 @@ pub fn overlap_head(
     scale: &WorkingScale,
     features: &[Features],
 ) -> Result<Option<Checkpoint>> {
-    let Some(tag) = descriptor_tag(config, scale, features) else { return Ok(None) };
+    let Some(tag) = descriptor_tag(config, scale, features)? else { return Ok(None) };
     match &config.retrieval.checkpoint {
         // Files do not say which descriptor they hold; the dimension is checked where it is used.
         Some(path) if config.descriptor.kind == DescriptorKind::Precomputed => {

@@ -1,6 +1,7 @@
 //! From a training recipe to training data: posed scans of every kind, through the same stages as
 //! a registration.
 
+pub mod descriptor;
 mod entries;
 mod fragments;
 mod synthetic_scenes;
@@ -66,18 +67,7 @@ impl Recipe {
         self.train.validate()?;
         self.scale.validate()?;
         self.descriptor.validate()?;
-        self.rgbd.iter().try_for_each(RgbdEntry::validate)?;
-        self.synth.iter().try_for_each(SynthEntry::validate)?;
-        let splits = self.scenes.iter().map(|e| e.split).chain(self.rgbd.iter().map(|e| e.split));
-        if splits.chain(self.synth.iter().map(|e| e.split)).any(|s| s == Split::Train) {
-            return Ok(());
-        }
-        Err(Error::setting(
-            "recipe",
-            "no training data",
-            "at least one [[scenes]], [[rgbd]] or [[synth]] table with split = \"train\"",
-            "add one",
-        ))
+        check_entries(&self.scenes, &self.rgbd, &self.synth)
     }
 
     /// As a TOML file that gives the same recipe back.
@@ -85,9 +75,7 @@ impl Recipe {
     /// # Errors
     /// [`Error::Setting`] for a value TOML has no spelling for (a path that is not UTF-8).
     pub fn to_toml(&self) -> Result<String> {
-        toml::to_string(self).map_err(|e| {
-            Error::setting("recipe", e.to_string(), "values that TOML can hold", "use plain UTF-8 paths")
-        })
+        recipe_toml(self)
     }
 
     /// The settings that a registration computes the same features with.
@@ -99,6 +87,59 @@ impl Recipe {
             ..Config::default()
         }
     }
+}
+
+/// Checks the data tables of a recipe.
+fn check_entries(scenes: &[ScenesEntry], rgbd: &[RgbdEntry], synth: &[SynthEntry]) -> Result<()> {
+    rgbd.iter().try_for_each(RgbdEntry::validate)?;
+    synth.iter().try_for_each(SynthEntry::validate)?;
+    let splits = scenes.iter().map(|e| e.split).chain(rgbd.iter().map(|e| e.split));
+    if splits.chain(synth.iter().map(|e| e.split)).any(|s| s == Split::Train) {
+        return Ok(());
+    }
+    Err(Error::setting(
+        "recipe",
+        "no training data",
+        "at least one [[scenes]], [[rgbd]] or [[synth]] table with split = \"train\"",
+        "add one",
+    ))
+}
+
+fn recipe_toml<T: Serialize>(recipe: &T) -> Result<String> {
+    toml::to_string(recipe).map_err(|e| {
+        Error::setting("recipe", e.to_string(), "values that TOML can hold", "use plain UTF-8 paths")
+    })
+}
+
+type Entries<'a> = (&'a [ScenesEntry], &'a [RgbdEntry], &'a [SynthEntry]);
+
+/// Hands every scene of the data tables to `take`, one after another; synthetic buildings are kept
+/// where features are.
+fn each_scene(
+    (scenes, rgbd, synth): Entries<'_>,
+    root: &Path,
+    source: &FeatureSource<'_>,
+    monitor: &dyn Monitor,
+    mut take: impl FnMut(Split, PosedScans) -> Result<()>,
+) -> Result<()> {
+    for entry in scenes {
+        for folder in &entry.folders {
+            take(entry.split, entries::read_posed(&root.join(folder), monitor)?)?;
+        }
+    }
+    for entry in rgbd {
+        take(entry.split, fragments::fuse(entry, root, monitor)?)?;
+    }
+    let cache = match source {
+        FeatureSource::Cached(folder) => Some(*folder),
+        FeatureSource::Computed | FeatureSource::Given(_) => None,
+    };
+    for entry in synth {
+        for &seed in &entry.seeds {
+            take(entry.split, synthetic_scenes::building(entry, seed, cache, monitor)?)?;
+        }
+    }
+    Ok(())
 }
 
 /// Scans of all scenes of a recipe, posed and described. Relative folders lie under `root`;
@@ -115,7 +156,7 @@ pub fn load(
 ) -> Result<TrainingData> {
     recipe.validate()?;
     let mut data = TrainingData::default();
-    let mut add = |split: Split, posed: PosedScans| -> Result<()> {
+    let add = |split: Split, posed: PosedScans| -> Result<()> {
         let (scene, tag) = described(posed, recipe, source, monitor)?;
         if data.descriptor.dim == 0 {
             data.descriptor = tag;
@@ -133,23 +174,7 @@ pub fn load(
         }
         Ok(())
     };
-    for entry in &recipe.scenes {
-        for folder in &entry.folders {
-            add(entry.split, entries::read_posed(&root.join(folder), monitor)?)?;
-        }
-    }
-    for entry in &recipe.rgbd {
-        add(entry.split, fragments::fuse(entry, root, monitor)?)?;
-    }
-    let cache = match source {
-        FeatureSource::Cached(folder) => Some(*folder),
-        FeatureSource::Computed | FeatureSource::Given(_) => None,
-    };
-    for entry in &recipe.synth {
-        for &seed in &entry.seeds {
-            add(entry.split, synthetic_scenes::building(entry, seed, cache, monitor)?)?;
-        }
-    }
+    each_scene((&recipe.scenes, &recipe.rgbd, &recipe.synth), root, source, monitor, add)?;
     Ok(data)
 }
 
@@ -162,7 +187,7 @@ fn described(
     let PosedScans { name, scans, world_from_scan } = posed;
     let config = recipe.features();
     let described = pipeline::describe(&scans, &config, source, monitor)?;
-    let Some(tag) = pipeline::descriptor_tag(&config, &described.scale, &described.features) else {
+    let Some(tag) = pipeline::descriptor_tag(&config, &described.scale, &described.features)? else {
         return Err(Error::input(
             format!("scene {name}"),
             "no keypoint in any scan",

@@ -2,18 +2,20 @@
 
 use super::{Status, Verbosity, terminal};
 use clap::{Args, ValueEnum};
+use scanweave::descriptor::spinnet;
 use scanweave::retrieval::import::{self, Publisher};
 use scanweave::synchronization::LitsWeights;
 use scanweave::{Error, io};
 use std::io::Write;
 use std::path::PathBuf;
 
-/// Turn weights published by others into a file for `register`.
+/// Turn weights published by others into a file of ours.
 ///
-/// Of SGHR and IMVR it reads an overlap head, a PyTorch file with conv.weight [K,D,1,1],
-/// conv.bias [K] and centroids [K,D] under whatever prefix, and writes a checkpoint for
-/// --checkpoint. Of LITS it reads the graph network for SE(3) and writes a file for the setting
-/// synchronization.lits_weights.
+/// `sghr` and `imvr` are overlap heads, with conv.weight [K,D,1,1], conv.bias [K] and centroids
+/// [K,D] under whatever prefix; the checkpoint is for --checkpoint of `register`. `buffer` is the
+/// local descriptor MiniSpinNet, with the tensors Desc.*; the checkpoint is for the setting
+/// descriptor.checkpoint, with descriptor.kind = "mini-spin-net". `lits` is the graph network for
+/// SE(3); the file is for the setting synchronization.lits_weights.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// The PyTorch file (.pth).
@@ -25,7 +27,7 @@ pub struct Arguments {
     /// The checkpoint to write.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Local descriptor the head was trained on (sghr, imvr).
+    /// Local descriptor an overlap head was trained on (sghr, imvr).
     #[arg(long, value_name = "NAME", default_value = "yoho")]
     descriptor: String,
     /// Replace the file if it is there.
@@ -35,46 +37,57 @@ pub struct Arguments {
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum From {
-    /// SGHR (Wang et al. 2023).
+    /// Overlap head of SGHR (Wang et al. 2023).
     Sghr,
-    /// IMVR (Li et al. 2025).
+    /// Overlap head of IMVR (Li et al. 2025).
     Imvr,
     /// LITS (Yew & Lee 2021).
     Lits,
+    /// Local descriptor of BUFFER (Ao et al. 2023).
+    Buffer,
 }
 
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
     if arguments.output.exists() && !arguments.force {
         return Err(Error::OutputExists { path: arguments.output.clone() }.into());
     }
-    let publisher = match arguments.from {
-        From::Sghr => Publisher::Sghr,
-        From::Imvr => Publisher::Imvr,
-        From::Lits => return import_lits(arguments, verbosity),
+    let said = match arguments.from {
+        From::Sghr => import_head(arguments, Publisher::Sghr)?,
+        From::Imvr => import_head(arguments, Publisher::Imvr)?,
+        From::Lits => import_lits(arguments)?,
+        From::Buffer => import_descriptor(arguments)?,
     };
-    let checkpoint = import::import(&arguments.input, publisher, &arguments.descriptor)?;
-    checkpoint.save(&arguments.output)?;
     if !verbosity.quiet {
-        let meta = &checkpoint.meta;
-        terminal::print_line(&format!(
-            "{}: a head for the descriptor `{}` with {} dimensions, from {}",
-            arguments.output.display(),
-            meta.descriptor.name,
-            meta.descriptor.dim,
-            meta.name
-        ))?;
+        terminal::print_line(&format!("{}: {said}", arguments.output.display()))?;
     }
     Ok(Status::Success)
 }
 
-fn import_lits(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+fn import_lits(arguments: &Arguments) -> Result<String, Error> {
     let bytes = LitsWeights::import(&arguments.input)?.to_bytes()?;
     io::atomic::write(&arguments.output, |out| out.write_all(&bytes))?;
-    if !verbosity.quiet {
-        terminal::print_line(&format!(
-            "{}: weights of LITS for the setting synchronization.lits_weights",
-            arguments.output.display()
-        ))?;
-    }
-    Ok(Status::Success)
+    Ok("weights of LITS for the setting synchronization.lits_weights".to_owned())
+}
+
+fn import_head(arguments: &Arguments, publisher: Publisher) -> Result<String, Error> {
+    let checkpoint = import::import(&arguments.input, publisher, &arguments.descriptor)?;
+    checkpoint.save(&arguments.output)?;
+    let meta = &checkpoint.meta;
+    Ok(format!(
+        "a head for the descriptor `{}` with {} dimensions, from {}",
+        meta.descriptor.name, meta.descriptor.dim, meta.name
+    ))
+}
+
+fn import_descriptor(arguments: &Arguments) -> Result<String, Error> {
+    let checkpoint = spinnet::import::buffer(&arguments.input)?;
+    checkpoint.save(&arguments.output)?;
+    let meta = &checkpoint.meta;
+    Ok(format!(
+        "the descriptor {} with {} dimensions, from {} (licence: {})",
+        meta.descriptor,
+        meta.architecture.dim(),
+        meta.source,
+        meta.licence
+    ))
 }

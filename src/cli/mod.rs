@@ -5,6 +5,7 @@ mod benchmark;
 mod completions;
 mod config;
 mod demo;
+mod describe;
 mod diagnose;
 mod evaluate;
 mod evaluate_retrieval;
@@ -59,6 +60,7 @@ pub struct Verbosity {
 enum Command {
     Register(register::Arguments),
     Demo(demo::Arguments),
+    Describe(describe::Arguments),
     Evaluate(evaluate::Arguments),
     Diagnose(diagnose::Arguments),
     EvaluateRetrieval(evaluate_retrieval::Arguments),
@@ -79,6 +81,7 @@ pub fn run(cli: Cli) -> anyhow::Result<Status> {
     match cli.command {
         Command::Register(arguments) => register::run(arguments, &cli.verbosity),
         Command::Demo(arguments) => demo::run(arguments, &cli.verbosity),
+        Command::Describe(arguments) => describe::run(&arguments, &cli.verbosity),
         Command::Evaluate(arguments) => evaluate::run(arguments, &cli.verbosity),
         Command::Diagnose(arguments) => diagnose::run(&arguments, &cli.verbosity),
         Command::EvaluateRetrieval(arguments) => evaluate_retrieval::run(arguments, &cli.verbosity),

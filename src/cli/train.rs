@@ -1,18 +1,20 @@
-//! `scanweave train`.
+//! `scanweave train` and `scanweave train descriptor`.
 
 use super::options::ThreadOption;
 use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
-use clap::Args;
+use clap::{Args, Subcommand};
+use scanweave::descriptor::spinnet;
 use scanweave::pipeline::FeatureSource;
 use scanweave::retrieval::scores::RetrievalScores;
 use scanweave::retrieval::train::{Record, TrainReport, train};
+use scanweave::training::descriptor::DescriptorRecipe;
 use scanweave::training::{self, Recipe};
 use scanweave::{Error, io};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Train an overlap head on posed scans.
+/// Train an overlap head on posed scans; `train descriptor` trains a local descriptor.
 ///
 /// The recipe names settings and data: folders of posed scans, walks with a depth camera, and
 /// synthetic buildings. Writes best.safetensors (for --checkpoint of `register`) and
@@ -20,7 +22,33 @@ use std::path::{Path, PathBuf};
 /// into the output folder, and keeps features in its cache/. Stopped at any moment, the last
 /// complete checkpoint is intact.
 #[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true)]
 pub struct Arguments {
+    #[command(subcommand)]
+    other: Option<Other>,
+    #[command(flatten)]
+    head: Option<RunOptions>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Other {
+    Descriptor(DescriptorArguments),
+}
+
+/// Train a local descriptor on posed scans.
+///
+/// The recipe names settings and data as for an overlap head. Writes best.safetensors (for the
+/// setting descriptor.checkpoint), last.safetensors (for --resume), metrics.jsonl and recipe.toml
+/// into the output folder. Stopped at any moment, the last complete checkpoint is intact.
+#[derive(Debug, Args)]
+struct DescriptorArguments {
+    #[command(flatten)]
+    run: RunOptions,
+}
+
+/// What a run needs.
+#[derive(Debug, Args)]
+struct RunOptions {
     /// Recipe (TOML); an unknown key is an error.
     #[arg(long, value_name = "FILE")]
     config: PathBuf,
@@ -43,32 +71,70 @@ pub struct Arguments {
     threads: ThreadOption,
 }
 
+impl RunOptions {
+    /// Where relative folders of the recipe lie.
+    fn data_root(&self) -> &Path {
+        self.data_root.as_deref().unwrap_or(self.config.parent().unwrap_or(Path::new("")))
+    }
+
+    /// Writes the recipe beside the run, and removes an old one where that was asked for.
+    fn begin(&self, recipe: &str) -> Result<(), Error> {
+        io::atomic::write(&self.output.join("recipe.toml"), |out| out.write_all(recipe.as_bytes()))?;
+        if self.force { remove_old_run(&self.output) } else { Ok(()) }
+    }
+}
+
 /// What a run leaves in its folder.
 const FILES: [&str; 4] = ["best.safetensors", "last.safetensors", "metrics.jsonl", "curves.svg"];
 
 pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
-    let recipe = Recipe::load(&arguments.config)?;
-    open(&arguments)?;
-    arguments.threads.start()?;
-    let progress = Progress::start(verbosity)?;
-    let beside = arguments.config.parent().unwrap_or(Path::new(""));
-    let root = arguments.data_root.as_deref().unwrap_or(beside);
-    let cache = arguments.cache.clone().unwrap_or_else(|| arguments.output.join("cache"));
-    let data = training::load(&recipe, root, &FeatureSource::Cached(&cache), &progress)?;
-    let text = recipe.to_toml()?;
-    io::atomic::write(&arguments.output.join("recipe.toml"), |out| out.write_all(text.as_bytes()))?;
-    if arguments.force {
-        remove_old_run(&arguments.output)?;
+    match (arguments.other, arguments.head) {
+        (Some(Other::Descriptor(descriptor)), _) => train_descriptor(&descriptor.run, verbosity),
+        (None, Some(head)) => train_head(&head, verbosity),
+        (None, None) => Err(Error::setting("--config", "no recipe", "one", "name a recipe").into()),
     }
-    let report = train(&data, &recipe.train, &arguments.output, arguments.resume, &progress)?;
+}
+
+fn train_head(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    let recipe = Recipe::load(&options.config)?;
+    open(options)?;
+    options.threads.start()?;
+    let progress = Progress::start(verbosity)?;
+    let cache = options.cache.clone().unwrap_or_else(|| options.output.join("cache"));
+    let data = training::load(&recipe, options.data_root(), &FeatureSource::Cached(&cache), &progress)?;
+    options.begin(&recipe.to_toml()?)?;
+    let report = train(&data, &recipe.train, &options.output, options.resume, &progress)?;
     if !verbosity.quiet {
         print(&report, recipe.train.recall_k)?;
     }
     Ok(Status::Success)
 }
 
+fn train_descriptor(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    let recipe = DescriptorRecipe::load(&options.config)?;
+    open(options)?;
+    options.threads.start()?;
+    let progress = Progress::start(verbosity)?;
+    let data = training::descriptor::load(&recipe, options.data_root(), &progress)?;
+    options.begin(&recipe.to_toml()?)?;
+    let report = spinnet::train::train(&data, &recipe.train, &options.output, options.resume, &progress)?;
+    if !verbosity.quiet {
+        for record in report.records.iter().filter(|r| r.accuracy.is_some()) {
+            terminal::print_line(&format!(
+                "step {:>6}  loss {:>7.4}  accuracy {:.3}  {:.0} ms a step",
+                record.step,
+                record.loss,
+                record.accuracy.unwrap_or_default(),
+                record.step_ms
+            ))?;
+        }
+        terminal::print_line(&format!("written  {}", report.best.display()))?;
+    }
+    Ok(Status::Success)
+}
+
 /// Makes the folder, and refuses it before hours are spent on features.
-fn open(arguments: &Arguments) -> Result<(), Error> {
+fn open(arguments: &RunOptions) -> Result<(), Error> {
     let folder = &arguments.output;
     let held = FILES[..2].iter().any(|name| folder.join(name).exists());
     if held && !arguments.resume && !arguments.force {

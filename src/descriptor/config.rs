@@ -1,10 +1,13 @@
 //! Which descriptor, and the one call that computes it.
 
+use super::spinnet::{self, LoadedNetwork};
 use super::{KeypointConfig, WorkingScale, fpfh, keypoints};
 use crate::error::{Error, Result};
+use crate::geometry::Point;
 use crate::scan::{Descriptors, Features, Scan, Surface};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 
 /// The descriptors there are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -13,8 +16,21 @@ pub enum DescriptorKind {
     /// Fast point feature histograms, computed here (33 values).
     #[default]
     Fpfh,
+    /// MiniSpinNet, a learned descriptor computed here (32 values with the published weights).
+    MiniSpinNet,
     /// Keypoints and descriptors read from files.
     Precomputed,
+}
+
+/// Which points the patches of a learned descriptor are made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PatchPoints {
+    /// The scan thinned to the working voxel.
+    #[default]
+    Surface,
+    /// All points of the scan.
+    Cloud,
 }
 
 /// Settings of the local features.
@@ -23,6 +39,11 @@ pub enum DescriptorKind {
 pub struct DescriptorConfig {
     /// Which descriptor.
     pub kind: DescriptorKind,
+    /// Weights of a learned descriptor: a file of `train descriptor` or `import-weights`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub checkpoint: Option<PathBuf>,
+    /// Which points the patches of a learned descriptor are made of.
+    pub patch_points: PatchPoints,
     /// Where it is computed.
     pub keypoints: KeypointConfig,
 }
@@ -33,19 +54,63 @@ impl DescriptorConfig {
     /// # Errors
     /// [`Error::Setting`] for an unusable value.
     pub fn validate(&self) -> Result<()> {
-        self.keypoints.validate()
+        match (&self.checkpoint, self.kind) {
+            (None, DescriptorKind::MiniSpinNet) => Err(Error::setting(
+                "descriptor.checkpoint",
+                "no file of weights",
+                "one for the descriptor mini-spin-net",
+                "name one, or set descriptor.kind to \"fpfh\"",
+            )),
+            (Some(path), DescriptorKind::Fpfh) => Err(Error::setting(
+                "descriptor.checkpoint",
+                format!("{}, with a descriptor that has no weights", path.display()),
+                "none for fpfh",
+                "leave it out, or set descriptor.kind to \"mini-spin-net\"",
+            )),
+            _ => self.keypoints.validate(),
+        }
     }
 
     /// Name of the descriptor, as in a config file.
     pub fn descriptor_name(&self) -> &'static str {
         match self.kind {
             DescriptorKind::Fpfh => "fpfh",
+            DescriptorKind::MiniSpinNet => "mini-spin-net",
             DescriptorKind::Precomputed => "precomputed",
         }
     }
+}
+
+/// A descriptor ready to be computed: settings, checked, and weights, read.
+#[derive(Debug, Clone)]
+pub struct Describer {
+    config: DescriptorConfig,
+    network: Option<LoadedNetwork>,
+}
+
+impl Describer {
+    /// Checks the settings and reads the weights they name.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for an unusable value; an unreadable checkpoint.
+    pub fn new(config: &DescriptorConfig) -> Result<Self> {
+        config.validate()?;
+        let network = match (&config.checkpoint, config.kind) {
+            (Some(path), DescriptorKind::MiniSpinNet) => {
+                Some(LoadedNetwork::new(&spinnet::Checkpoint::load(path)?.weights))
+            }
+            _ => None,
+        };
+        Ok(Self { config: config.clone(), network })
+    }
+
+    /// The settings.
+    pub fn config(&self) -> &DescriptorConfig {
+        &self.config
+    }
 
     /// What a descriptor vector means, as a hex digest: its name, the version of its
-    /// formula, and its radii in voxels. Two runs of the same digest have comparable
+    /// formula, its weights, and its radii in voxels. Two runs of the same digest have comparable
     /// descriptors, at whatever absolute scale and number of keypoints, so that weights
     /// trained on one hold for the other.
     pub fn settings_hash(&self, scale: &WorkingScale) -> String {
@@ -61,7 +126,7 @@ impl DescriptorConfig {
             scale.voxel_m,
             scale.normal_radius_m,
             scale.feature_radius_m,
-            self.keypoints.count,
+            self.config.keypoints.count,
         );
         blake3::hash(text.as_bytes()).to_hex().to_string()
     }
@@ -69,25 +134,72 @@ impl DescriptorConfig {
     fn settings_text(&self, scale: &WorkingScale) -> String {
         // A hundredth of a voxel changes no descriptor to speak of, and absorbs rounding.
         let voxels = |radius_m: f64| format!("{:.2}", radius_m / scale.voxel_m);
-        match self.kind {
-            DescriptorKind::Fpfh => format!(
+        match (self.config.kind, &self.network) {
+            (DescriptorKind::MiniSpinNet, Some(network)) => format!(
+                "mini-spin-net/1;weights={};points={:?};features={}",
+                network.digest(),
+                self.config.patch_points,
+                voxels(scale.feature_radius_m)
+            ),
+            (DescriptorKind::Precomputed, _) => "precomputed/1".to_owned(),
+            _ => format!(
                 "fpfh/1;normals={};features={}",
                 voxels(scale.normal_radius_m),
                 voxels(scale.feature_radius_m)
             ),
-            DescriptorKind::Precomputed => "precomputed/1".to_owned(),
         }
+    }
+
+    /// Keypoints, normals and descriptors of a scan from its thinned `surface`.
+    ///
+    /// A scan with few points gives few features, or none; nothing about its shape is an error.
+    /// The same surface, settings and seed give the same bytes.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] when the descriptor is one that is read from files and not computed.
+    pub fn describe(
+        &self,
+        scan: &Scan,
+        surface: &Surface,
+        scale: &WorkingScale,
+        seed: u64,
+    ) -> Result<Features> {
+        if self.config.kind == DescriptorKind::Precomputed {
+            return Err(Error::setting(
+                "descriptor.kind",
+                format!("precomputed, but no features for the scan {}", scan.name),
+                "a feature file for every scan",
+                "name the folder that holds them, or set descriptor.kind to \"fpfh\"",
+            ));
+        }
+        let radius_m = scale.feature_radius_m as f32;
+        let rows = keypoints::choose(surface, self.config.keypoints.count, seed);
+        let keypoints: Vec<Point> = rows.iter().map(|&i| surface.points[i]).collect();
+        let (dim, values) = match &self.network {
+            None => (fpfh::DIMENSION, fpfh::descriptors(surface, &rows, radius_m)),
+            Some(network) => {
+                let points = match self.config.patch_points {
+                    PatchPoints::Surface => &surface.points,
+                    PatchPoints::Cloud => &scan.cloud.points,
+                };
+                let (network, viewpoint) = (network.network(), &scan.cloud.viewpoint);
+                let values = spinnet::descriptors(network, points, viewpoint, &keypoints, radius_m, seed);
+                (network.dim(), values)
+            }
+        };
+        // A lone point has a descriptor of nothing, which would match anything.
+        let described = |at: usize| values[at * dim..][..dim].iter().any(|v| *v != 0.0);
+        let kept: Vec<usize> = (0..rows.len()).filter(|&at| described(at)).collect();
+        let normals = rows.iter().map(|&i| surface.normals[i]).collect();
+        let features = Features::new(keypoints, Some(normals), Descriptors::new(dim, values)?)?;
+        Ok(if kept.len() == rows.len() { features } else { features.select(&kept) })
     }
 }
 
-/// Keypoints, normals and descriptors of a scan from its thinned `surface`.
-///
-/// A scan with few points gives few features, or none; nothing about its shape is an error.
-/// The same surface, settings and seed give the same bytes.
+/// [`Describer::describe`] for a single scan.
 ///
 /// # Errors
-/// [`Error::Setting`] when the settings are unusable, or the descriptor is one that is read
-/// from files and not computed.
+/// Those of [`Describer::new`] and [`Describer::describe`].
 pub fn describe(
     scan: &Scan,
     surface: &Surface,
@@ -95,34 +207,13 @@ pub fn describe(
     config: &DescriptorConfig,
     seed: u64,
 ) -> Result<Features> {
-    config.validate()?;
-    if config.kind == DescriptorKind::Precomputed {
-        return Err(Error::setting(
-            "descriptor.kind",
-            format!("precomputed, but no features for the scan {}", scan.name),
-            "a feature file for every scan",
-            "name the folder that holds them, or set descriptor.kind to \"fpfh\"",
-        ));
-    }
-    let radius_m = scale.feature_radius_m as f32;
-    let rows = keypoints::choose(surface, config.keypoints.count, seed);
-    let values = fpfh::descriptors(surface, &rows, radius_m);
-    // A lone point has a histogram of nothing, which would match anything.
-    let described = |at: usize| values[at * fpfh::DIMENSION..][..fpfh::DIMENSION].iter().any(|v| *v > 0.0);
-    let kept: Vec<usize> = (0..rows.len()).filter(|&at| described(at)).collect();
-    let features = Features::new(
-        rows.iter().map(|&i| surface.points[i]).collect(),
-        Some(rows.iter().map(|&i| surface.normals[i]).collect()),
-        Descriptors::new(fpfh::DIMENSION, values)?,
-    )?;
-    Ok(if kept.len() == rows.len() { features } else { features.select(&kept) })
+    Describer::new(config)?.describe(scan, surface, scale, seed)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::descriptor::surface;
-    use crate::geometry::Point;
     use crate::scan::{PointCloud, ScanId};
     use rand::{RngExt, SeedableRng};
 
@@ -189,17 +280,19 @@ mod tests {
 
     #[test]
     fn hashes_tell_settings_apart_but_not_absolute_scale() {
-        let config = DescriptorConfig::default();
+        let ready = |config: &DescriptorConfig| Describer::new(config).unwrap();
+        let plain = DescriptorConfig::default();
+        let config = ready(&plain);
         let (near, far) = (WorkingScale::from_voxel(0.025), WorkingScale::from_voxel(0.3));
         assert_eq!(config.settings_hash(&near), config.settings_hash(&far));
         assert_ne!(config.features_hash(&near, 1), config.features_hash(&far, 1));
         assert_ne!(config.features_hash(&near, 1), config.features_hash(&near, 2));
         let wider = WorkingScale { feature_radius_m: 2.0 * near.feature_radius_m, ..near };
         assert_ne!(config.settings_hash(&near), config.settings_hash(&wider));
-        let fewer = DescriptorConfig { keypoints: KeypointConfig { count: 250 }, ..config.clone() };
+        let fewer = ready(&DescriptorConfig { keypoints: KeypointConfig { count: 250 }, ..plain.clone() });
         assert_eq!(config.settings_hash(&near), fewer.settings_hash(&near));
         assert_ne!(config.features_hash(&near, 1), fewer.features_hash(&near, 1));
-        let read = DescriptorConfig { kind: DescriptorKind::Precomputed, ..config.clone() };
+        let read = ready(&DescriptorConfig { kind: DescriptorKind::Precomputed, ..plain.clone() });
         assert_ne!(config.settings_hash(&near), read.settings_hash(&near));
     }
 

@@ -10,8 +10,9 @@ pub mod fpfh;
 pub mod keypoints;
 mod occupancy;
 pub mod scale;
+pub mod spinnet;
 pub mod surface;
 
-pub use config::{DescriptorConfig, DescriptorKind, describe};
+pub use config::{Describer, DescriptorConfig, DescriptorKind, PatchPoints, describe};
 pub use keypoints::KeypointConfig;
 pub use scale::{ScaleChoice, ScaleConfig, ScaleWarning, WorkingScale};

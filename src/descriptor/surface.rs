@@ -33,28 +33,46 @@ pub fn normals(points: &[Point], viewpoint: &Point, radius_m: f32) -> Vec<Direct
 
 /// Direction of least variance about the mean of the neighbourhood of `p`.
 fn plane_normal(grid: &RadiusGrid<'_>, p: &Point, points: &[Point]) -> Option<Direction> {
-    // Relative spread below which the second direction is rounding noise of single precision.
-    const LINE: f64 = 1e-8;
-    let (mut count, mut sum, mut square) = (0usize, Vector3::<f64>::zeros(), Matrix3::<f64>::zeros());
-    grid.for_each_within(p, |i, _| {
-        // Relative to p: sums of far-away coordinates would lose the small differences.
-        let d = (points[i] - p).cast::<f64>();
-        count += 1;
-        sum += d;
-        square += d * d.transpose();
-    });
-    if count < 3 {
-        return None;
+    let mut spread = Spread::default();
+    // Relative to p: sums of far-away coordinates would lose the small differences.
+    grid.for_each_within(p, |i, _| spread.add((points[i] - p).cast()));
+    spread.least_direction()
+}
+
+/// Moments of points, given relative to a place among them.
+#[derive(Debug, Default)]
+pub(super) struct Spread {
+    count: usize,
+    sum: Vector3<f64>,
+    square: Matrix3<f64>,
+}
+
+impl Spread {
+    /// Counts one more point.
+    pub fn add(&mut self, offset: Vector3<f64>) {
+        self.count += 1;
+        self.sum += offset;
+        self.square += offset * offset.transpose();
     }
-    let n = count as f64;
-    let eigen = (square / n - sum * sum.transpose() / (n * n)).symmetric_eigen();
-    let mut order = [0, 1, 2];
-    order.sort_unstable_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
-    let [least, middle, most] = order;
-    if eigen.eigenvalues[middle] <= LINE * eigen.eigenvalues[most] {
-        return None;
+
+    /// Direction of least variance about the mean; none where points are fewer than three or
+    /// on one line.
+    pub fn least_direction(&self) -> Option<Direction> {
+        // Relative spread below which the second direction is rounding noise of single precision.
+        const LINE: f64 = 1e-8;
+        if self.count < 3 {
+            return None;
+        }
+        let n = self.count as f64;
+        let eigen = (self.square / n - self.sum * self.sum.transpose() / (n * n)).symmetric_eigen();
+        let mut order = [0, 1, 2];
+        order.sort_unstable_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
+        let [least, middle, most] = order;
+        if eigen.eigenvalues[middle] <= LINE * eigen.eigenvalues[most] {
+            return None;
+        }
+        Some(eigen.eigenvectors.column(least).normalize().cast::<f32>())
     }
-    Some(eigen.eigenvectors.column(least).normalize().cast::<f32>())
 }
 
 #[cfg(test)]

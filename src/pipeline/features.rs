@@ -1,7 +1,7 @@
 //! Features of all scans: from files, from the cache of an earlier run, or computed.
 
 use crate::config::Config;
-use crate::descriptor::{self, WorkingScale};
+use crate::descriptor::{Describer, WorkingScale};
 use crate::error::{Error, Result};
 use crate::io;
 use crate::monitor::Monitor;
@@ -51,16 +51,17 @@ pub(super) fn of_scans(
             Some(*folder)
         }
     };
+    let describer = Describer::new(&config.descriptor)?;
     monitor.begin(STAGE, scans.len());
     let results: Vec<Result<(Features, bool)>> = scans
         .par_iter()
         .zip(surfaces)
         .map(|(scan, surface)| {
             monitor.check(STAGE)?;
-            let compute = || descriptor::describe(scan, surface, scale, &config.descriptor, config.seed);
+            let compute = || describer.describe(scan, surface, scale, config.seed);
             let result = match cache {
                 None => (compute()?, false),
-                Some(folder) => through_cache(&entry(folder, scan, scale, config), compute)?,
+                Some(folder) => through_cache(&entry(folder, scan, scale, &describer, config.seed), compute)?,
             };
             monitor.advance(1);
             Ok(result)
@@ -128,10 +129,10 @@ fn number_of(scan: &Scan) -> Result<usize> {
 }
 
 /// File of a scan's features: named by everything they depend on, so that it never goes stale.
-fn entry(folder: &Path, scan: &Scan, scale: &WorkingScale, config: &Config) -> PathBuf {
+fn entry(folder: &Path, scan: &Scan, scale: &WorkingScale, describer: &Describer, seed: u64) -> PathBuf {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&CACHE_VERSION.to_le_bytes());
-    hasher.update(config.descriptor.features_hash(scale, config.seed).as_bytes());
+    hasher.update(describer.features_hash(scale, seed).as_bytes());
     hash_cloud(&mut hasher, &scan.cloud);
     folder.join(format!("{}.npz", &hasher.finalize().to_hex()[..32]))
 }

@@ -137,7 +137,7 @@ impl Assessor<'_> {
             plane_residual: fit.plane_residual,
             violation: fit.violation,
             stiffness: fit.stiffness,
-            probability: None,
+            ..Support::default()
         };
         support.probability = Some(evidence::probability(&support, &self.config.evidence.weights));
         Assessment { a_from_b: *a_from_b, support }

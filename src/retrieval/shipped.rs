@@ -25,20 +25,21 @@ pub fn head_for(descriptor: &DescriptorTag) -> Result<Option<Checkpoint>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::descriptor::{DescriptorConfig, WorkingScale};
+    use crate::descriptor::{Describer, DescriptorConfig, WorkingScale};
 
     #[test]
     fn the_head_fits_the_default_descriptor_at_every_scale_and_no_other() {
         for voxel_m in [0.0013, 0.02, 0.025, 0.031, 0.17] {
             let scale = WorkingScale::from_voxel(voxel_m);
-            let settings_hash = DescriptorConfig::default().settings_hash(&scale);
+            let fpfh = Describer::new(&DescriptorConfig::default()).unwrap();
+            let settings_hash = fpfh.settings_hash(&scale);
             let tag = DescriptorTag { name: "fpfh".into(), dim: 33, settings_hash };
             let head = head_for(&tag).unwrap().expect("a head for the default descriptor");
             assert_eq!((head.meta.name.as_str(), head.weights.dim()), ("netvlad-fpfh", 33));
             // It must not carry the optimiser's state around.
             assert!(head.optimizer.is_none());
             let wider = WorkingScale { feature_radius_m: 2.0 * scale.feature_radius_m, ..scale };
-            let settings_hash = DescriptorConfig::default().settings_hash(&wider);
+            let settings_hash = fpfh.settings_hash(&wider);
             assert_eq!(head_for(&DescriptorTag { settings_hash, ..tag.clone() }).unwrap(), None);
             assert_eq!(head_for(&DescriptorTag { dim: 32, ..tag }).unwrap(), None);
         }

@@ -1,0 +1,100 @@
+//! `scanweave describe`.
+
+use super::options::{SettingOptions, ThreadOption};
+use super::progress::Progress;
+use super::{Status, Verbosity, terminal};
+use clap::Args;
+use scanweave::descriptor::DescriptorKind;
+use scanweave::pipeline::{self, FeatureSource};
+use scanweave::scan::Scan;
+use scanweave::{Error, io};
+use std::path::{Path, PathBuf};
+
+/// Compute local features: keypoints, normals and descriptors of every scan.
+///
+/// Writes <scan>.npz for each scan, with keypoints [n,3] in metres, normals [n,3] and descriptors
+/// [n,D] of unit length: what `register --features DIR` reads. The working scale is that of all
+/// scans together, as in a registration. What is computed is kept in cache/ of the output folder,
+/// so that a stopped run goes on where it was.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Scan files, folders of them, globs, or @list.txt with one of these a line.
+    #[arg(required = true, value_name = "SCANS")]
+    inputs: Vec<String>,
+    /// Folder for the features.
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Replace features that the output folder already holds.
+    #[arg(long)]
+    force: bool,
+    /// Convert features made by another program instead: one NPZ a scan, or a folder NAME_desc
+    /// beside Keypoints/ as SGHR and IMVR publish them.
+    #[arg(long, value_name = "DIR")]
+    features: Option<PathBuf>,
+    /// Where computed features are kept. Default: cache/ in the output folder.
+    #[arg(long, value_name = "DIR")]
+    cache: Option<PathBuf>,
+    #[command(flatten)]
+    threads: ThreadOption,
+    #[command(flatten)]
+    settings: SettingOptions,
+}
+
+pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    let mut config = arguments.settings.config()?;
+    let scans_named = io::discover(&arguments.inputs)?;
+    arguments.threads.start()?;
+    let progress = Progress::start(verbosity)?;
+    let scans = io::read_scans(&scans_named, &progress)?;
+    check_output(&arguments.output, &scans, arguments.force)?;
+    let given = match &arguments.features {
+        Some(place) => {
+            config.descriptor.kind = DescriptorKind::Precomputed;
+            config.descriptor.checkpoint = None;
+            Some(pipeline::read_features(place, &scans, &progress)?)
+        }
+        None => None,
+    };
+    let cache = arguments.cache.clone().unwrap_or_else(|| arguments.output.join("cache"));
+    let source = match &given {
+        Some(features) => FeatureSource::Given(features),
+        None if config.output.feature_cache => FeatureSource::Cached(&cache),
+        None => FeatureSource::Computed,
+    };
+    let described = pipeline::describe(&scans, &config, &source, &progress)?;
+    for (scan, features) in scans.iter().zip(&described.features) {
+        io::features::write_npz(place_of(&arguments.output, scan), features)?;
+    }
+    if !verbosity.quiet {
+        let keypoints: usize = described.features.iter().map(|f| f.len()).sum();
+        let dim = described.features.iter().map(|f| f.descriptors.dim()).max().unwrap_or(0);
+        let reused = described.reused.iter().filter(|r| **r).count();
+        terminal::print_line(&format!(
+            "{} of {} scans, {keypoints} keypoints with {dim} values each, {reused} not computed now",
+            config.descriptor.descriptor_name(),
+            scans.len()
+        ))?;
+        for (scan, _) in scans.iter().zip(&described.features).filter(|(_, f)| f.is_empty()) {
+            terminal::print_line(&format!("{}: no keypoint: too few points near each other", scan.name))?;
+        }
+        terminal::print_line(&format!("written  {}", arguments.output.display()))?;
+    }
+    Ok(Status::Success)
+}
+
+fn place_of(folder: &Path, scan: &Scan) -> PathBuf {
+    folder.join(format!("{}.npz", scan.name))
+}
+
+/// Makes the folders, and refuses them before minutes are spent.
+fn check_output(folder: &Path, scans: &[Scan], force: bool) -> Result<(), Error> {
+    for scan in scans {
+        let path = place_of(folder, scan);
+        if path.exists() && !force {
+            return Err(Error::OutputExists { path: folder.to_path_buf() });
+        }
+        let parent = path.parent().unwrap_or(folder);
+        std::fs::create_dir_all(parent).map_err(|e| Error::write(parent, e))?;
+    }
+    tempfile::tempfile_in(folder).map(drop).map_err(|e| Error::write(folder, e))
+}

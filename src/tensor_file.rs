@@ -1,0 +1,137 @@
+//! Named arrays of numbers with their papers, in one safetensors file.
+//!
+//! The metadata is JSON under the key `scanweave`; a checksum over all arrays notices a flipped
+//! bit. The same content gives the same bytes.
+
+use crate::error::{Error, Result};
+use safetensors::SafeTensors;
+use safetensors::tensor::{Dtype, TensorView};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, HashMap};
+use std::io::Write;
+use std::path::Path;
+
+const META_KEY: &str = "scanweave";
+
+/// A row-major array of single-precision numbers.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Array {
+    /// Its shape.
+    pub shape: Vec<usize>,
+    /// Its values.
+    pub values: Vec<f32>,
+}
+
+impl Array {
+    /// An array of the given shape, whose product is the number of values.
+    pub fn new(shape: &[usize], values: Vec<f32>) -> Self {
+        debug_assert_eq!(shape.iter().product::<usize>(), values.len());
+        Self { shape: shape.to_vec(), values }
+    }
+
+    fn bytes(&self) -> Vec<u8> {
+        self.values.iter().flat_map(|v| v.to_le_bytes()).collect()
+    }
+}
+
+/// Arrays by name.
+pub type Arrays = BTreeMap<String, Array>;
+
+#[derive(Serialize, Deserialize)]
+struct Envelope<M> {
+    meta: M,
+    /// BLAKE3 of all arrays in name order.
+    tensors_blake3: String,
+}
+
+/// BLAKE3 of names, shapes and values, as a hex digest.
+pub fn digest(arrays: &Arrays) -> String {
+    let mut hasher = blake3::Hasher::new();
+    for (name, array) in arrays {
+        hasher.update(name.as_bytes());
+        array.shape.iter().for_each(|n| {
+            hasher.update(&(*n as u64).to_le_bytes());
+        });
+        hasher.update(&array.bytes());
+    }
+    hasher.finalize().to_hex().to_string()
+}
+
+/// Writes the file under a temporary name beside it and renames it over `path`, so that `path`
+/// holds either the old or the new content whole.
+///
+/// # Errors
+/// When the folder cannot be written.
+pub fn save<M: Serialize>(path: &Path, meta: &M, arrays: &Arrays) -> Result<()> {
+    let fail = |e: String| Error::write(path, std::io::Error::other(e));
+    let envelope = Envelope { meta, tensors_blake3: digest(arrays) };
+    let json = serde_json::to_string(&envelope).map_err(|e| fail(e.to_string()))?;
+    let bytes: Vec<(&String, &Array, Vec<u8>)> = arrays.iter().map(|(n, a)| (n, a, a.bytes())).collect();
+    let views: Vec<(&String, TensorView<'_>)> = bytes
+        .iter()
+        .map(|(name, array, bytes)| Ok((*name, TensorView::new(Dtype::F32, array.shape.clone(), bytes)?)))
+        .collect::<std::result::Result<_, safetensors::SafeTensorError>>()
+        .map_err(|e| fail(e.to_string()))?;
+    // One key only: the order of several would differ between runs.
+    let info = HashMap::from([(META_KEY.to_owned(), json)]);
+    let content = safetensors::serialize(views, Some(info)).map_err(|e| fail(e.to_string()))?;
+    let folder = match path.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p,
+        _ => Path::new("."),
+    };
+    let mut file = tempfile::NamedTempFile::new_in(folder).map_err(|e| Error::write(path, e))?;
+    file.write_all(&content).map_err(|e| Error::write(path, e))?;
+    file.as_file().sync_all().map_err(|e| Error::write(path, e))?;
+    file.persist(path).map_err(|e| Error::write(path, e.error))?;
+    Ok(())
+}
+
+/// Metadata and arrays of a file's content; `path` is for messages only.
+///
+/// # Errors
+/// When it is not one of ours, is cut short or altered, holds a value that is not finite, or its
+/// metadata is not of the kind that is `expected`.
+pub fn parse<M: DeserializeOwned>(path: &Path, bytes: &[u8], expected: &str) -> Result<(M, Arrays)> {
+    let broken = |found: String| {
+        let remedy = "use a file written by `scanweave train` or `scanweave import-weights`";
+        Error::file(path, found, expected, remedy)
+    };
+    let foreign = |e: safetensors::SafeTensorError| {
+        broken(format!("{} bytes that are not a whole safetensors file ({e})", bytes.len()))
+    };
+    let (_, header) = SafeTensors::read_metadata(bytes).map_err(foreign)?;
+    let file = SafeTensors::deserialize(bytes).map_err(foreign)?;
+    let json = header
+        .metadata()
+        .as_ref()
+        .and_then(|m| m.get(META_KEY))
+        .ok_or_else(|| broken("a safetensors file of another program".into()))?;
+    let envelope: Envelope<M> =
+        serde_json::from_str(json).map_err(|e| broken(format!("metadata of another kind ({e})")))?;
+    let mut arrays = Arrays::new();
+    for (name, view) in file.tensors() {
+        if view.dtype() != Dtype::F32 {
+            return Err(broken(format!("tensor {name} of type {:?}", view.dtype())));
+        }
+        let values: Vec<f32> =
+            view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+        if values.iter().any(|v| !v.is_finite()) {
+            return Err(broken(format!("tensor {name} with values that are not finite")));
+        }
+        arrays.insert(name, Array { shape: view.shape().to_vec(), values });
+    }
+    if digest(&arrays) != envelope.tensors_blake3 {
+        return Err(broken("weights that do not match their checksum".into()));
+    }
+    Ok((envelope.meta, arrays))
+}
+
+/// [`parse`] of a file.
+///
+/// # Errors
+/// As [`parse`], and when the file cannot be read.
+pub fn load<M: DeserializeOwned>(path: &Path, expected: &str) -> Result<(M, Arrays)> {
+    let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
+    parse(path, &bytes, expected)
+}
