@@ -77,6 +77,7 @@ fn the_median_distance_is_that_of_the_surfaces_where_they_overlap() {
             .map(|i| Point::new((i / 40) as f32 * 0.025, (i % 40) as f32 * 0.025, z))
             .collect(),
         normals: vec![Direction::z(); length * 40],
+        viewpoint: Point::new(0.5, 0.5, 1.0),
         ..Surface::default()
     };
     let (near, far) = (floor(40, 0.0), floor(120, 0.03));

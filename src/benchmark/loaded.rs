@@ -14,7 +14,7 @@ use crate::geometry::voxel::voxel_means;
 use crate::geometry::{Point, RigidMotion};
 use crate::io;
 use crate::monitor::Monitor;
-use crate::pipeline::{self, Described, FeatureSource, Stopwatch};
+use crate::pipeline::{self, Described, FeatureSource, PairCache, Stopwatch};
 use crate::report::run::StageTime;
 use crate::scan::{Features, Reconstruction, Scan, SimilarityMatrix};
 use crate::synthetic::{self, SynthConfig};
@@ -30,6 +30,8 @@ pub(super) struct LoadedScene {
     pub overlap: Option<SimilarityMatrix>,
     /// Moments of the scans' points.
     pub moments: Vec<Moments>,
+    /// Pairs of scans, registered by whichever cell needs them first.
+    pub pairs: PairCache,
     given: Option<Vec<Features>>,
     /// The scans described by the latest settings asked for.
     described: Option<(String, Described, Vec<StageTime>)>,
@@ -64,7 +66,8 @@ impl LoadedScene {
             None => None,
         };
         let moments = scans.iter().map(|s| Moments::of(&s.cloud.points)).collect();
-        Ok(Self { scans, truth, overlap, moments, given, described: None })
+        let pairs = PairCache::in_folder(cache);
+        Ok(Self { scans, truth, overlap, moments, pairs, given, described: None })
     }
 
     /// Surfaces and features under `config`, kept for the next cell that asks for the same, and

@@ -12,7 +12,7 @@ use crate::io::atomic;
 use crate::monitor::Monitor;
 use crate::pipeline::{self, Described, Stopwatch};
 use crate::report::poses::Document;
-use crate::report::run::{peak_memory_bytes, reset_peak_memory};
+use crate::report::run::{StageTime, peak_memory_bytes, reset_peak_memory};
 use crate::retrieval::scores::RetrievalScores;
 use crate::scan::SimilarityMatrix;
 use std::collections::VecDeque;
@@ -237,8 +237,19 @@ impl Worker<'_> {
             }
             SimilarityChoice::Oracle => (oracle(scene, key, &method.name)?, "true overlap".to_owned()),
         };
-        let reconstruction =
-            pipeline::register_described(&described, &similarity, &config, &self.monitor, &mut clock)?;
+        let registered = pipeline::register_with_pairs(
+            &described,
+            &similarity,
+            &config,
+            &scene.pairs,
+            &self.monitor,
+            &mut clock,
+        )?;
+        // Another cell may have registered the pairs: what they cost belongs to this one as well.
+        if let Some(seconds) = registered.pose_graph.map(|g| g.reused_seconds).filter(|s| *s > 0.0) {
+            clock.stages.push(StageTime { stage: "registration".to_owned(), seconds });
+        }
+        let reconstruction = registered.reconstruction;
         let peak_memory_bytes = peak_memory_bytes();
         let report = evaluate_scene(&scene.truth, &SceneEstimate::of(&reconstruction), false)?;
         let (format, version) = Cell::stamp();
