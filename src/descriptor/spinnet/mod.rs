@@ -15,6 +15,10 @@
 //! scan's viewpoint; turns about it go round in azimuth, which convolutions and mean do not see.
 //! Where the published network learns that axis, this is fixed. The first convolution is 3×3×3
 //! there and collapses the radius; here the three shells are channels, which is the same sum.
+//!
+//! The published radius is 0.3 m for clouds of one point every 2.5 cm. Here it is the feature
+//! radius of the working scale, 12 voxels: the same for such clouds, and for an object of 25 cm or
+//! a facade of 50 m what the network would see had they been scaled to a room.
 
 mod checkpoint;
 pub mod import;

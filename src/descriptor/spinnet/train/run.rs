@@ -156,10 +156,10 @@ impl<'a> Run<'a> {
             let remedy = "use the settings and scenes it was started with, or start a new run";
             Error::file(&self.last, found, expected, remedy)
         };
-        if meta.recipe.get("train") != self.recipe.get("train") {
-            return Err(refuse("a run with other settings".to_owned(), "the same settings"));
+        if settings_of(&meta.recipe) != settings_of(&self.recipe) {
+            return Err(refuse("a run with other settings".to_owned(), "the same settings, but for steps"));
         }
-        if meta.recipe != self.recipe {
+        if meta.recipe.get("data") != self.recipe.get("data") {
             return Err(refuse("a run on other patches".to_owned(), "the same data"));
         }
         let weights = Checkpoint::load(&self.last)?.weights;
@@ -239,6 +239,14 @@ impl<'a> Run<'a> {
         file.persist(&path).map_err(|e| fail(e.error))?;
         Ok(())
     }
+}
+
+/// Settings of a recipe without the number of steps: no step depends on it, so that a run may go
+/// on beyond what was planned.
+fn settings_of(recipe: &serde_json::Value) -> Option<serde_json::Map<String, serde_json::Value>> {
+    let mut settings = recipe.get("train")?.as_object()?.clone();
+    settings.remove("steps");
+    Some(settings)
 }
 
 /// The log of an interrupted run up to its checkpoint; what came after is done again.
