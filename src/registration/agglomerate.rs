@@ -95,6 +95,10 @@ fn conclude(
     components.sort_by_key(|(c, _)| (std::cmp::Reverse(c.members.len()), lowest(c)));
     let grids: Vec<RadiusGrid<'_>> =
         scans.par_iter().map(|s| RadiusGrid::new(&s.features.keypoints, radius_m)).collect();
+    for (component, supports) in components.iter().filter(|(c, _)| c.members.len() == 1) {
+        let (alone, support) = (component.members[0].0, supports[0]);
+        refusals[alone.0] = evidence::refusal(&support, &config.evidence);
+    }
     let unexplained = DeclineReason::TooFewInliers {
         inliers: 0,
         needed: config.evidence.min_inliers.max(MIN_KEYPOINTS),

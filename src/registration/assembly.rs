@@ -681,13 +681,20 @@ impl<'a> Assembly<'a> {
         Ok(changed)
     }
 
-    /// The finished components, each with the final support of every member.
+    /// The finished components, each with the final support of every member; of a scan alone the
+    /// support of the best join that it was offered.
     pub fn finish(self) -> Vec<(Component, Vec<Support>)> {
+        let offered = |id: ComponentId| {
+            let links = self.links.iter().filter(|(key, _)| key.0 == id || key.1 == id);
+            let best = links.filter_map(|(_, link)| link.assessed);
+            best.max_by(|x, y| x.0.probability().total_cmp(&y.0.probability()))
+                .map_or_else(Support::default, |a| a.0.support)
+        };
         let supports: Vec<Vec<Support>> = self
             .components
-            .values()
-            .map(|c| match c.members.len() {
-                1 => vec![Support::default()],
+            .iter()
+            .map(|(&id, c)| match c.members.len() {
+                1 => vec![offered(id)],
                 n => (0..n).into_par_iter().map(|m| self.place_of(c, m).0.support).collect(),
             })
             .collect();

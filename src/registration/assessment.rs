@@ -139,7 +139,9 @@ impl Assessor<'_> {
             stiffness: fit.stiffness,
             ..Support::default()
         };
-        support.probability = Some(evidence::probability(&support, &self.config.evidence.weights));
+        let sufficient = inliers >= self.config.evidence.min_inliers;
+        let probability = evidence::probability(&support, &self.config.evidence.weights);
+        support.probability = Some(if sufficient { probability } else { 0.0 });
         Assessment { a_from_b: *a_from_b, support }
     }
 

@@ -12,6 +12,10 @@ use crate::geometry::Point;
 use crate::scan::{DeclineReason, Support};
 use nalgebra::{Matrix3, Vector3};
 
+/// Beyond this share of violations more of them say no more: where scans do not tell where the
+/// sensor stood, right joins reach it too, and must still be possible.
+const MOST_VIOLATION: f64 = 0.2;
+
 /// What the logistic model sees of a support, in the order of [`EvidenceWeights::as_array`]:
 /// 1, ln inliers, ln(inliers / inliers of the next hypothesis), normal agreement,
 /// plane residual, ln overlap, ln violation, ln stiffness; the logarithms of shares with 0.01
@@ -29,7 +33,7 @@ pub fn predictors(support: &Support) -> [f64; 8] {
         support.normal_agreement,
         support.plane_residual,
         (support.overlap + 0.01).ln(),
-        (support.violation + 0.01).ln(),
+        (support.violation.min(MOST_VIOLATION) + 0.01).ln(),
         (support.stiffness + 1e-3).ln(),
     ]
 }
