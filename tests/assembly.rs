@@ -30,7 +30,8 @@ fn two_places() -> &'static TwoPlaces {
         let (mut scans, mut world_from_scan): (Vec<Scan>, Vec<RigidMotion>) = (Vec::new(), Vec::new());
         let mut first = 0;
         for seed in [11, 12] {
-            let set = generate(&SynthConfig { seed, rooms: 1, scans: 7, ..SynthConfig::default() }, &Silent).unwrap();
+            let set = generate(&SynthConfig { seed, rooms: 1, scans: 7, ..SynthConfig::default() }, &Silent)
+                .unwrap();
             first = if seed == 11 { set.scans.len() } else { first };
             scans.extend(set.scans);
             world_from_scan.extend(set.world_from_scan);
@@ -119,7 +120,9 @@ fn threads_do_not_change_a_bit() {
 }
 
 /// Everything an [`Assembly`] of the first place needs.
-fn with_assembly<T>(work: impl FnOnce(&Assessor<'_>, Vec<scanweave::registration::pairs::ScanPair>) -> T) -> T {
+fn with_assembly<T>(
+    work: impl FnOnce(&Assessor<'_>, Vec<scanweave::registration::pairs::ScanPair>) -> T,
+) -> T {
     let places = two_places();
     let described = &places.described;
     let inputs: Vec<ScanInput<'_>> = described.features[..places.first]
@@ -148,7 +151,11 @@ fn a_review_moves_a_scan_that_stands_in_the_wrong_place() {
         let wrong = 2;
         let members: Vec<(ScanId, RigidMotion)> = (0..places.first)
             .map(|k| {
-                let off = if k == wrong { RigidMotion::translation(0.9, -0.4, 0.0) } else { RigidMotion::identity() };
+                let off = if k == wrong {
+                    RigidMotion::translation(0.9, -0.4, 0.0)
+                } else {
+                    RigidMotion::identity()
+                };
                 (ScanId(k), off * places.world_from_scan[k])
             })
             .collect();

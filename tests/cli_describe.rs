@@ -93,7 +93,11 @@ fn described_features_register_as_computed_ones_do() {
     describe(&set, &out, &[]).assert().success().stdout(contains("fpfh of 2 scans"));
     let converted = place.path().join("converted");
     describe(&set, &converted, &["--features", out.to_str().unwrap()]).assert().success();
-    assert_eq!(array(&converted.join("b.npz"), "descriptors"), array(&out.join("b.npz"), "descriptors"));
+    // Reading makes descriptors unit length again, which may change a last bit.
+    let (again, once) =
+        (array(&converted.join("b.npz"), "descriptors"), array(&out.join("b.npz"), "descriptors"));
+    assert_eq!(again.dim(), once.dim());
+    assert!(again.iter().zip(&once).all(|(x, y)| (x - y).abs() < 1e-6));
     scanweave()
         .arg("register")
         .arg(&set)

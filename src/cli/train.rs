@@ -22,12 +22,12 @@ use std::path::{Path, PathBuf};
 /// into the output folder, and keeps features in its cache/. Stopped at any moment, the last
 /// complete checkpoint is intact.
 #[derive(Debug, Args)]
-#[command(args_conflicts_with_subcommands = true)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Arguments {
     #[command(subcommand)]
     other: Option<Other>,
     #[command(flatten)]
-    head: Option<RunOptions>,
+    head: RunOptions,
 }
 
 #[derive(Debug, Subcommand)]
@@ -50,11 +50,12 @@ struct DescriptorArguments {
 #[derive(Debug, Args)]
 struct RunOptions {
     /// Recipe (TOML); an unknown key is an error.
-    #[arg(long, value_name = "FILE")]
-    config: PathBuf,
+    // An option only because a subcommand takes its place.
+    #[arg(long, value_name = "FILE", required = true)]
+    config: Option<PathBuf>,
     /// Folder for the run.
-    #[arg(short, long, value_name = "DIR")]
-    output: PathBuf,
+    #[arg(short, long, value_name = "DIR", required = true)]
+    output: Option<PathBuf>,
     /// Go on from the last checkpoint in the output folder.
     #[arg(long, conflicts_with = "force")]
     resume: bool,
@@ -72,15 +73,23 @@ struct RunOptions {
 }
 
 impl RunOptions {
+    fn config(&self) -> &Path {
+        self.config.as_deref().unwrap_or(Path::new(""))
+    }
+
+    fn output(&self) -> &Path {
+        self.output.as_deref().unwrap_or(Path::new(""))
+    }
+
     /// Where relative folders of the recipe lie.
     fn data_root(&self) -> &Path {
-        self.data_root.as_deref().unwrap_or(self.config.parent().unwrap_or(Path::new("")))
+        self.data_root.as_deref().unwrap_or(self.config().parent().unwrap_or(Path::new("")))
     }
 
     /// Writes the recipe beside the run, and removes an old one where that was asked for.
     fn begin(&self, recipe: &str) -> Result<(), Error> {
-        io::atomic::write(&self.output.join("recipe.toml"), |out| out.write_all(recipe.as_bytes()))?;
-        if self.force { remove_old_run(&self.output) } else { Ok(()) }
+        io::atomic::write(&self.output().join("recipe.toml"), |out| out.write_all(recipe.as_bytes()))?;
+        if self.force { remove_old_run(self.output()) } else { Ok(()) }
     }
 }
 
@@ -88,22 +97,21 @@ impl RunOptions {
 const FILES: [&str; 4] = ["best.safetensors", "last.safetensors", "metrics.jsonl", "curves.svg"];
 
 pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
-    match (arguments.other, arguments.head) {
-        (Some(Other::Descriptor(descriptor)), _) => train_descriptor(&descriptor.run, verbosity),
-        (None, Some(head)) => train_head(&head, verbosity),
-        (None, None) => Err(Error::setting("--config", "no recipe", "one", "name a recipe").into()),
+    match arguments.other {
+        Some(Other::Descriptor(descriptor)) => train_descriptor(&descriptor.run, verbosity),
+        None => train_head(&arguments.head, verbosity),
     }
 }
 
 fn train_head(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Result<Status> {
-    let recipe = Recipe::load(&options.config)?;
+    let recipe = Recipe::load(options.config())?;
     open(options)?;
     options.threads.start()?;
     let progress = Progress::start(verbosity)?;
-    let cache = options.cache.clone().unwrap_or_else(|| options.output.join("cache"));
+    let cache = options.cache.clone().unwrap_or_else(|| options.output().join("cache"));
     let data = training::load(&recipe, options.data_root(), &FeatureSource::Cached(&cache), &progress)?;
     options.begin(&recipe.to_toml()?)?;
-    let report = train(&data, &recipe.train, &options.output, options.resume, &progress)?;
+    let report = train(&data, &recipe.train, options.output(), options.resume, &progress)?;
     if !verbosity.quiet {
         print(&report, recipe.train.recall_k)?;
     }
@@ -111,13 +119,13 @@ fn train_head(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Result<Sta
 }
 
 fn train_descriptor(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Result<Status> {
-    let recipe = DescriptorRecipe::load(&options.config)?;
+    let recipe = DescriptorRecipe::load(options.config())?;
     open(options)?;
     options.threads.start()?;
     let progress = Progress::start(verbosity)?;
     let data = training::descriptor::load(&recipe, options.data_root(), &progress)?;
     options.begin(&recipe.to_toml()?)?;
-    let report = spinnet::train::train(&data, &recipe.train, &options.output, options.resume, &progress)?;
+    let report = spinnet::train::train(&data, &recipe.train, options.output(), options.resume, &progress)?;
     if !verbosity.quiet {
         for record in report.records.iter().filter(|r| r.accuracy.is_some()) {
             terminal::print_line(&format!(
@@ -135,10 +143,10 @@ fn train_descriptor(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Resu
 
 /// Makes the folder, and refuses it before hours are spent on features.
 fn open(arguments: &RunOptions) -> Result<(), Error> {
-    let folder = &arguments.output;
+    let folder = arguments.output();
     let held = FILES[..2].iter().any(|name| folder.join(name).exists());
     if held && !arguments.resume && !arguments.force {
-        return Err(Error::OutputExists { path: folder.clone() });
+        return Err(Error::OutputExists { path: folder.to_path_buf() });
     }
     if arguments.resume && !folder.join(FILES[1]).exists() {
         return Err(Error::file(
