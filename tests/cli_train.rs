@@ -164,3 +164,36 @@ fn ways_to_predict_overlap_are_compared() {
     // Ten of the other five scans are all of them.
     assert!(rows.as_array().unwrap().iter().all(|r| r["recall_overlap_10"] == 1.0));
 }
+
+/// A recipe for a tiny network, on two tiny buildings.
+#[test]
+fn a_descriptor_is_trained_and_describes() {
+    let place = folder();
+    let recipe = place.path().join("d.toml");
+    let building = "rooms = 1\nscans = 4\nframes_per_scan = 1\n";
+    let text = format!(
+        "[train]\nchannels = [16]\npairs_per_scene = 60\nsteps = 4\npairs_per_step = 8\ncheckpoint_every = 2\n\
+         validate_every = 2\n[[synth]]\nseeds = [3]\n{building}[[synth]]\nsplit = \"valid\"\nseeds = [4]\n{building}"
+    );
+    std::fs::write(&recipe, text).unwrap();
+    let run = place.path().join("run");
+    let train = |more: &[&str]| {
+        let mut command = scanweave();
+        command.args(["train", "descriptor", "--config"]).arg(&recipe).arg("-o").arg(&run).args(more);
+        command
+    };
+    train(&[]).assert().success().stdout(contains("step      4").and(contains("accuracy")));
+    assert_eq!(names(&run), ["best.safetensors", "last.safetensors", "metrics.jsonl", "recipe.toml"]);
+    train(&[]).assert().code(5).stderr(contains("--force"));
+    train(&["--resume"]).assert().success();
+
+    let scans = synth(place.path(), 2);
+    let checkpoint = format!("descriptor.checkpoint={}", run.join("best.safetensors").display());
+    let mut describe = scanweave();
+    describe.arg("describe").arg(scans).arg("-o").arg(place.path().join("features"));
+    describe.args(["--set", "descriptor.kind=mini-spin-net", "--set", &checkpoint]);
+    describe.args(["--set", "descriptor.keypoints.count=200"]);
+    describe.assert().success().stdout(contains("400 keypoints with 16 values"));
+    // Either a recipe for a head, or a subcommand.
+    scanweave().arg("train").assert().code(2).stderr(contains("--config"));
+}
