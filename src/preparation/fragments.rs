@@ -145,7 +145,7 @@ mod tests {
             ..FragmentConfig::default()
         };
         assert_eq!(config(50, 50).fragments(149).unwrap(), [0..50, 50..100]);
-        assert_eq!(config(50, 50).fragments(30).unwrap(), [0..30]);
+        assert_eq!(config(50, 50).fragments(30).unwrap(), std::iter::once(0..30).collect::<Vec<_>>());
         assert_eq!(config(4, 3).fragments(10).unwrap(), [0..4, 3..7, 6..10]);
         assert!(config(50, 50).fragments(0).unwrap().is_empty());
         assert!(config(0, 1).fragments(9).is_err() && config(1, 0).fragments(9).is_err());

@@ -76,7 +76,7 @@ impl Sight {
     pub fn in_front_m(&self, p: &Point) -> Option<f32> {
         let (bin, distance) = bin(&self.viewpoint, p)?;
         let nearest = self.nearest_m[bin];
-        (nearest < f32::INFINITY).then(|| nearest - distance)
+        (nearest < f32::INFINITY).then_some(nearest - distance)
     }
 }
 

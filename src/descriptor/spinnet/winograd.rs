@@ -48,7 +48,7 @@ impl Convolution {
     pub fn new(filter: &[f32], bias: &[f32], rectified: bool) -> Self {
         let outputs = bias.len();
         let inputs = filter.len() / (9 * outputs).max(1);
-        debug_assert!(inputs % GROUP == 0 && outputs % GROUP == 0);
+        debug_assert!(inputs.is_multiple_of(GROUP) && outputs.is_multiple_of(GROUP));
         let transformed: Vec<[f64; PRODUCTS]> = filter.chunks_exact(9).map(transform_filter).collect();
         let weights = (0..PRODUCTS)
             .map(|at| product::pack(inputs, outputs, |k, o| transformed[o * inputs + k][at] as f32))
@@ -93,10 +93,10 @@ impl Convolution {
             for v in 0..vectors {
                 let m = |at: usize| products[(at * tiles + tile) * vectors + v];
                 let mut half = [[zero; INPUT]; TILE];
-                for x in 0..INPUT {
+                (0..INPUT).for_each(|x| {
                     let column = output_1d(simd, std::array::from_fn(|y| m(y * INPUT + x)));
                     (0..TILE).for_each(|y| half[y][x] = column[y]);
-                }
+                });
                 for (y, half) in half.iter().enumerate().take(ELEVATIONS - row) {
                     for (x, value) in output_1d(simd, *half).into_iter().enumerate() {
                         let value = simd.add_f32s(value, bias[v]);

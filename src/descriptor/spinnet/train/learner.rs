@@ -138,8 +138,8 @@ pub(super) fn circle_loss(descriptors: Tensor<2>, negatives: &[bool], config: &T
     let device = descriptors.device();
     let pairs = descriptors.dims()[0] / 2;
     let (gamma, margin) = (config.circle_scale, config.circle_margin);
-    let first = descriptors.clone().slice([0..pairs]);
-    let second = descriptors.slice([pairs..2 * pairs]);
+    let first = descriptors.clone().narrow(0, 0, pairs);
+    let second = descriptors.narrow(0, pairs, pairs);
     let positive = (first.clone() * second.clone()).sum_dim(1);
     let all = first.matmul(second.transpose());
     let bracket = |s: Tensor<2>| Tensor::from_inner(s.inner().clamp_min(0.0));
