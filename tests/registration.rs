@@ -108,8 +108,7 @@ impl World {
 
 fn without_joint_refinement() -> RegistrationConfig {
     // The made-up worlds are volumes of random points: they have no surface to refine on.
-    let mut config = RegistrationConfig::default();
-    config.strategy = Strategy::Grow;
+    let mut config = RegistrationConfig { strategy: Strategy::Grow, ..RegistrationConfig::default() };
     config.joint.enabled = false;
     config.evidence.surfaces = false;
     config.evidence.min_inliers = 12;

@@ -21,7 +21,7 @@ const VALUES: usize = 13;
 /// Registrations and the seconds of each.
 pub type Pairs = BTreeMap<PairKey, (PairRegistration, f64)>;
 
-/// Reads what [`write`] writes, to the last bit.
+/// Reads what [`write()`] writes, to the last bit.
 ///
 /// # Errors
 /// [`Error::Read`]; [`Error::File`] for missing arrays or wrong shapes.

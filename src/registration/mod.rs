@@ -1,6 +1,6 @@
 //! Pairwise and incremental multiview registration.
 
-mod agglomerate;
+pub mod agglomerate;
 pub mod assembly;
 pub mod assessment;
 pub mod config;

@@ -38,7 +38,7 @@ impl Default for Patch {
 }
 
 impl Patch {
-    /// Replaces the points; those beyond [`MOST_POINTS`] are left out.
+    /// Replaces the points; those beyond `MOST_POINTS` are left out.
     pub fn fill(&mut self, points: impl IntoIterator<Item = [f32; 3]>) {
         self.count = 0;
         for [x, y, z] in points.into_iter().take(MOST_POINTS) {
