@@ -27,6 +27,7 @@
     )
 )]
 
+pub mod benchmark;
 pub mod config;
 pub mod descriptor;
 pub mod error;

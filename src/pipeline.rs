@@ -53,17 +53,9 @@ pub fn run(
     config.validate()?;
     let mut clock = Stopwatch::default();
     let described = describe_timed(scans, config, source, monitor, &mut clock)?;
+    let (similarity, head) = predict_overlap(&described, config, monitor, &mut clock)?;
+    let reconstruction = register_described(&described, &similarity, config, monitor, &mut clock)?;
     let Described { scale, warnings, surfaces, features, reused } = described;
-    let (similarity, head) = clock.time("similarity", || {
-        let checkpoint = overlap_head(config, &scale, &features)?;
-        retrieval::similarity_of(&features, &config.retrieval, checkpoint.as_ref(), config.seed, monitor)
-    })?;
-    let reconstruction = clock.time("registration", || {
-        let pairs = features.iter().zip(&surfaces);
-        let inputs: Vec<_> = pairs.map(|(features, surface)| ScanInput { features, surface }).collect();
-        let lengths = Lengths { inlier_radius_m: scale.inlier_radius_m, voxel_m: scale.voxel_m };
-        incremental::register(&inputs, &similarity, &config.registration, lengths, config.seed, monitor)
-    })?;
     Ok(Run {
         scale,
         warnings,
@@ -77,8 +69,45 @@ pub fn run(
     })
 }
 
+/// The stage "similarity" of [`run`]: predicted overlap, and where its head came from.
+///
+/// # Errors
+/// A head that cannot be read or does not fit, or the user asked to stop.
+pub fn predict_overlap(
+    described: &Described,
+    config: &Config,
+    monitor: &dyn Monitor,
+    clock: &mut Stopwatch,
+) -> Result<(SimilarityMatrix, HeadOrigin)> {
+    clock.time("similarity", || {
+        let features = &described.features;
+        let checkpoint = overlap_head(config, &described.scale, features)?;
+        retrieval::similarity_of(features, &config.retrieval, checkpoint.as_ref(), config.seed, monitor)
+    })
+}
+
+/// The stage "registration" of [`run`].
+///
+/// # Errors
+/// Shapes or settings that cannot be used, or the user asked to stop.
+pub fn register_described(
+    described: &Described,
+    similarity: &SimilarityMatrix,
+    config: &Config,
+    monitor: &dyn Monitor,
+    clock: &mut Stopwatch,
+) -> Result<Reconstruction> {
+    clock.time("registration", || {
+        let Described { scale, surfaces, features, .. } = described;
+        let pairs = features.iter().zip(surfaces);
+        let inputs: Vec<_> = pairs.map(|(features, surface)| ScanInput { features, surface }).collect();
+        let lengths = Lengths { inlier_radius_m: scale.inlier_radius_m, voxel_m: scale.voxel_m };
+        incremental::register(&inputs, similarity, &config.registration, lengths, config.seed, monitor)
+    })
+}
+
 /// Scans as the stages before retrieval leave them, in the order of the scans.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Described {
     /// Lengths they were worked at.
     pub scale: WorkingScale,
@@ -105,7 +134,7 @@ pub fn describe(
     describe_timed(scans, config, source, monitor, &mut Stopwatch::default())
 }
 
-fn describe_timed(
+pub(crate) fn describe_timed(
     scans: &[Scan],
     config: &Config,
     source: &FeatureSource<'_>,

@@ -1,9 +1,10 @@
 //! `scanweave evaluate`.
 
-use super::{Status, Verbosity, terminal};
+use super::{Status, Verbosity, evaluate_set, terminal};
 use anyhow::Context;
 use clap::Args;
 use scanweave::evaluation::pose_error::{PoseReport, evaluate_against_truth};
+use scanweave::evaluation::protocol::Protocol;
 use scanweave::evaluation::recall::{RecallConfig, RecallReport, registration_recall};
 use scanweave::geometry::RigidMotion;
 use scanweave::report::poses::Document;
@@ -13,27 +14,44 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Compare a registration with true poses.
+/// Compare registrations with true poses.
 ///
-/// Prints the errors of the relative poses of all pairs of placed scans, and for every
-/// benchmark folder (gt.log and gt.info, as 3DMatch and 3DLoMatch have them) the
+/// One result (--truth): prints the errors of the relative poses of all pairs of placed scans, and
+/// for every benchmark folder (gt.log and gt.info, as 3DMatch and 3DLoMatch have them) the
 /// registration recall. A pair with a declined scan counts as a failure.
+///
+/// A data set (--dataset): RESULT holds one result a scene, <scene>/poses.json of `register`, or
+/// poses of any other method as <scene>/trajectory.log, <scene>/poses.txt or
+/// <scene>/trajectory.tum (or <scene>.log, .txt, .tum). Prints the figures of every protocol for
+/// each scene, their mean, and all pairs pooled.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Output folder of `register`.
+    /// Output folder of `register`, or a folder with one result a scene.
     #[arg(value_name = "RESULT")]
     result: PathBuf,
     /// Folder of the scans with their true poses: <scan>.info.txt or .pose.txt beside each
     /// scan, poses/pose<i>.txt, poses.txt, or one Stanford .conf.
-    #[arg(long, value_name = "SCENE")]
-    truth: PathBuf,
-    /// Folder with gt.log and gt.info; may be repeated.
+    #[arg(long, value_name = "SCENE", required_unless_present = "dataset")]
+    truth: Option<PathBuf>,
+    /// Folder of scenes, with benchmarks/<NAME>/<scene>/gt.log in it or beside it, or gt.log beside
+    /// the scans.
+    #[arg(long, value_name = "DIR", conflicts_with = "truth")]
+    dataset: Option<PathBuf>,
+    /// Scene of the data set to evaluate; may be repeated. Default: all.
+    #[arg(long = "scene", value_name = "NAME", requires = "dataset")]
+    scenes: Vec<String>,
+    /// How to judge a data set: 3dmatch, 3dlomatch, eth, scannet; may be repeated.
+    #[arg(long = "protocol", value_name = "NAME", requires = "dataset", default_value = "3dmatch",
+          value_parser = |name: &str| Protocol::parse(name).map_err(|e| e.to_string()))]
+    protocols: Vec<Protocol>,
+    /// Folder with gt.log and gt.info; may be repeated. With --dataset: one folder with
+    /// <scene>/gt.log.
     #[arg(long = "benchmark", value_name = "DIR")]
     benchmarks: Vec<PathBuf>,
     /// Largest error of a registered pair, metres: 0.2 for 3DMatch, 0.5 for ETH.
-    #[arg(long, value_name = "M", default_value_t = RecallConfig::default().threshold_m)]
+    #[arg(long, value_name = "M", default_value_t = RecallConfig::default().threshold_m, conflicts_with = "dataset")]
     threshold: f64,
-    /// Leave out the first counted pair, as a published evaluator does by mistake.
+    /// Leave out the first counted pair of a scene, as a published evaluator does by mistake.
     #[arg(long)]
     reference_quirks: bool,
     /// Print one JSON document instead of text.
@@ -50,10 +68,35 @@ struct Report {
 }
 
 pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    match (&arguments.dataset, &arguments.truth) {
+        (Some(dataset), _) => {
+            if arguments.benchmarks.len() > 1 {
+                let expected = "at most one with --dataset";
+                let found = arguments.benchmarks.len().to_string();
+                return Err(Error::setting("--benchmark", found, expected, "name one folder").into());
+            }
+            let job = evaluate_set::Job {
+                results: &arguments.result,
+                dataset,
+                scenes: &arguments.scenes,
+                protocols: &arguments.protocols,
+                benchmark: arguments.benchmarks.first().map(PathBuf::as_path),
+                reference_quirks: arguments.reference_quirks,
+            };
+            evaluate_set::run(&job, arguments.json, verbosity)?;
+        }
+        (None, Some(truth)) => one(&arguments, truth, verbosity)?,
+        // Ruled out by the arguments' own rules.
+        (None, None) => {}
+    }
+    Ok(Status::Success)
+}
+
+fn one(arguments: &Arguments, truth_folder: &Path, verbosity: &Verbosity) -> anyhow::Result<()> {
     let document = Document::load(&arguments.result.join("poses.json"))?;
     let reconstruction = document.reconstruction()?;
-    let scene = io::dataset::read_scene(&arguments.truth)?;
-    let by_stem = true_poses(&scene, &arguments.truth)?;
+    let scene = io::dataset::read_scene(truth_folder)?;
+    let by_stem = true_poses(&scene, truth_folder)?;
     let truth = document
         .scans
         .iter()
@@ -63,7 +106,7 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
                 let expected = format!("the scans of {}", arguments.result.display());
                 let remedy = "name the folder that these scans came from with --truth";
                 Error::file(
-                    &arguments.truth,
+                    truth_folder,
                     format!("no true pose for the scan {}", entry.name),
                     expected,
                     remedy,
@@ -90,7 +133,7 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
     } else if !verbosity.quiet {
         print(&report, scene.world_from_scan.map_or(0.0, |t| t.deviation))?;
     }
-    Ok(Status::Success)
+    Ok(())
 }
 
 /// True poses by the name of their scan.

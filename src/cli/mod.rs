@@ -1,11 +1,14 @@
 //! The command line: arguments → typed options → library call → print.
 //! One file a subcommand; `clap`, `anyhow` and printing live only here.
 
+mod benchmark;
 mod completions;
 mod config;
 mod demo;
+mod diagnose;
 mod evaluate;
 mod evaluate_retrieval;
+mod evaluate_set;
 mod fuse;
 mod ground_truth;
 mod import_weights;
@@ -57,7 +60,9 @@ enum Command {
     Register(register::Arguments),
     Demo(demo::Arguments),
     Evaluate(evaluate::Arguments),
+    Diagnose(diagnose::Arguments),
     EvaluateRetrieval(evaluate_retrieval::Arguments),
+    Benchmark(benchmark::Arguments),
     Train(train::Arguments),
     ImportWeights(import_weights::Arguments),
     Synth(synth::Arguments),
@@ -75,7 +80,9 @@ pub fn run(cli: Cli) -> anyhow::Result<Status> {
         Command::Register(arguments) => register::run(arguments, &cli.verbosity),
         Command::Demo(arguments) => demo::run(arguments, &cli.verbosity),
         Command::Evaluate(arguments) => evaluate::run(arguments, &cli.verbosity),
+        Command::Diagnose(arguments) => diagnose::run(&arguments, &cli.verbosity),
         Command::EvaluateRetrieval(arguments) => evaluate_retrieval::run(arguments, &cli.verbosity),
+        Command::Benchmark(arguments) => benchmark::run(arguments, &cli.verbosity),
         Command::Train(arguments) => train::run(arguments, &cli.verbosity),
         Command::ImportWeights(arguments) => import_weights::run(&arguments, &cli.verbosity),
         Command::Synth(arguments) => synth::run(arguments, &cli.verbosity),

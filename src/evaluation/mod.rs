@@ -1,10 +1,16 @@
 //! The field's evaluation protocols (SPEC §3): registration recall, pose errors, retrieval
 //! scores, and the ground truth they need.
 
+pub mod dataset;
+pub mod diagnosis;
+pub mod estimate;
 pub mod ground_truth;
+pub mod moments;
 pub mod pose_error;
+pub mod protocol;
 pub mod recall;
 pub mod retrieval;
+pub mod scene;
 
 /// Median (mean of the two middle values of an even number), `None` when empty.
 /// `values` may hold infinities but no NaN.

@@ -8,7 +8,7 @@ use crate::geometry::averaging::rotation_median;
 use crate::geometry::rigid::{motion, nearest_rotation, rotation_error_rad, translation_error_m};
 use crate::scan::{Reconstruction, ScanId};
 use nalgebra::{Matrix3, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Rotation thresholds of the ScanNet protocol, degrees.
 pub const ROTATION_THRESHOLDS_DEG: [f64; 5] = [3.0, 5.0, 10.0, 30.0, 45.0];
@@ -16,7 +16,7 @@ pub const ROTATION_THRESHOLDS_DEG: [f64; 5] = [3.0, 5.0, 10.0, 30.0, 45.0];
 pub const TRANSLATION_THRESHOLDS_M: [f64; 5] = [0.05, 0.1, 0.25, 0.5, 0.75];
 
 /// Difference of two poses.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PoseError {
     /// Angle between the rotations, degrees.
     pub rotation_deg: f64,
@@ -35,7 +35,7 @@ impl PoseError {
 }
 
 /// Error of the relative pose of two scans.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PairError {
     /// Target scan.
     pub i: ScanId,
@@ -46,7 +46,7 @@ pub struct PairError {
 }
 
 /// Distribution of errors of one scene, or its average over scenes.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ErrorDistribution {
     /// Pairs, with and without an estimate.
     pub pairs: usize,
@@ -136,7 +136,7 @@ pub fn pair_errors(
 }
 
 /// Error of a placed scan after its component was brought into the frame of the truth.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ScanError {
     /// The scan.
     pub scan: ScanId,
@@ -147,7 +147,7 @@ pub struct ScanError {
 }
 
 /// Largest and median error.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Default)]
 pub struct ErrorSummary {
     /// Largest rotation error, degrees.
     pub max_rotation_deg: f64,
@@ -174,7 +174,7 @@ impl ErrorSummary {
 }
 
 /// A reconstruction against truth.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PoseReport {
     /// All scans.
     pub total: usize,

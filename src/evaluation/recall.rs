@@ -56,7 +56,7 @@ impl RecallConfig {
 }
 
 /// Verdict on one counted pair.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PairRecall {
     /// Target scan.
     pub i: ScanId,
@@ -71,7 +71,7 @@ pub struct PairRecall {
 }
 
 /// Registration recall of one scene.
-#[derive(Debug, Clone, PartialEq, Serialize, Default)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default)]
 pub struct RecallReport {
     /// Pairs the protocol counts.
     pub counted: usize,
@@ -93,7 +93,7 @@ impl RecallReport {
 }
 
 /// Recall over several scenes.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RecallSummary {
     /// Mean of the scenes' recalls: the headline. `None` without a scene with counted pairs.
     pub mean_of_scenes: Option<f64>,

@@ -2,17 +2,16 @@
 
 use super::mean;
 use crate::error::{Error, Result};
-pub use crate::retrieval::scores::spearman;
+pub use crate::retrieval::scores::{recall_at, spearman};
 use crate::scan::SimilarityMatrix;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Retrieval scores of one scene.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RetrievalReport {
     /// Cut-offs of `recall_at`.
     pub cutoffs: Vec<usize>,
-    /// For every cut-off k: mean over scans of the share of their truly overlapping scans among
-    /// their k most similar ones; scans that overlap nothing are left out. `None` if all do.
+    /// [`recall_at`] for every cut-off.
     pub recall_at: Vec<Option<f64>>,
     /// Spearman's rank correlation of similarity and overlap over all pairs; `None` where one of
     /// them is constant.
@@ -44,18 +43,8 @@ pub fn retrieval_scores(
             "compute both from the same set",
         ));
     }
-    let mut shares = vec![Vec::new(); cutoffs.len()];
     let (mut predicted, mut actual, mut overlapping_pairs) = (Vec::new(), Vec::new(), 0);
     for i in 0..n {
-        let mut ranking: Vec<usize> = (0..n).filter(|&j| j != i).collect();
-        ranking.sort_by(|&a, &b| similarity.get(i, b).total_cmp(&similarity.get(i, a)).then(a.cmp(&b)));
-        let true_ones = ranking.iter().filter(|&&j| overlap.get(i, j) > overlap_above).count();
-        if true_ones > 0 {
-            for (k, share) in cutoffs.iter().zip(&mut shares) {
-                let found = ranking.iter().take(*k).filter(|&&j| overlap.get(i, j) > overlap_above).count();
-                share.push(found as f64 / true_ones as f64);
-            }
-        }
         for j in i + 1..n {
             predicted.push(f64::from(similarity.get(i, j)));
             actual.push(f64::from(overlap.get(i, j)));
@@ -65,7 +54,7 @@ pub fn retrieval_scores(
     let differences: Vec<f64> = predicted.iter().zip(&actual).map(|(p, a)| (p - a).abs()).collect();
     Ok(RetrievalReport {
         cutoffs: cutoffs.to_vec(),
-        recall_at: shares.iter().map(|s| mean(s)).collect(),
+        recall_at: cutoffs.iter().map(|&k| recall_at(similarity, overlap, k, overlap_above)).collect(),
         spearman: spearman(&predicted, &actual),
         mean_absolute_error: mean(&differences),
         overlapping_pairs,

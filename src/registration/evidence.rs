@@ -201,7 +201,7 @@ mod tests {
             overlap: 0.4,
             normal_agreement: 0.8,
             plane_residual: 0.3,
-            probability: None,
+            ..Support::default()
         };
         let p = probability(&base, &weights);
         assert!(probability(&Support { inliers: 60, ..base }, &weights) > p);
@@ -228,7 +228,7 @@ mod tests {
             overlap: 0.5,
             normal_agreement: 0.8,
             plane_residual: 0.25,
-            probability: None,
+            ..Support::default()
         };
         let score = -1.0 + 20f64.ln() + 2.0 * 2f64.ln() + 0.4 - 0.25 + 0.5;
         assert_relative_eq!(probability(&support, &weights), 1.0 / (1.0 + (-score).exp()), epsilon = 1e-12);

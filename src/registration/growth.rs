@@ -300,7 +300,10 @@ impl<'a> Growth<'a> {
         }
         self.remaining.retain(|&s| s != scan);
         self.candidates.remove(&scan);
-        self.members.push(Member { scan, world_from_scan, attempt: Some(chosen.clone()) });
+        let parent = self.members.iter().find(|m| Some(m.scan) == chosen.parent);
+        let mut attempt = chosen.clone();
+        attempt.support.parent_from_scan = parent.map(|p| p.world_from_scan.inverse() * world_from_scan);
+        self.members.push(Member { scan, world_from_scan, attempt: Some(attempt) });
         self.joined_since_refinement += 1;
     }
 

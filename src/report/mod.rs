@@ -1,5 +1,9 @@
 //! What a person or another program looks at after a run.
 
+pub mod chart;
+pub mod diagnosis;
+pub mod grid;
+pub mod growth_tree;
 pub mod merged;
 pub mod poses;
 pub mod run;

@@ -2,10 +2,10 @@
 
 use super::poses::{Document, Entry, Verdict};
 use crate::descriptor::WorkingScale;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Time one stage took.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StageTime {
     /// Name of the stage.
     pub stage: String,
@@ -141,4 +141,11 @@ pub fn peak_memory_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
     line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kb| kb * 1024)
+}
+
+/// Lets [`peak_memory_bytes`] start anew from what the process uses now; `false` where the system
+/// does not offer that.
+pub fn reset_peak_memory() -> bool {
+    // Linux: "5" resets the peak resident set size (proc(5), /proc/pid/clear_refs).
+    std::fs::write("/proc/self/clear_refs", "5").is_ok()
 }

@@ -12,9 +12,9 @@ pub struct RetrievalScores {
     /// Spearman rank correlation over all pairs, ties sharing their mean rank; 0 where either
     /// side is constant.
     pub spearman: f64,
-    /// Recall of scans with overlap above 0.3, see [`recall_at`].
+    /// Recall of scans with overlap above 0.3, see [`recall_at`]; 1 when there is none to find.
     pub recall_overlap_30: f64,
-    /// Recall of scans with overlap above 0.1, see [`recall_at`].
+    /// Recall of scans with overlap above 0.1, see [`recall_at`]; 1 when there is none to find.
     pub recall_overlap_10: f64,
 }
 
@@ -40,8 +40,8 @@ impl RetrievalScores {
         Ok(Self {
             mae: gap / predicted.len().max(1) as f64,
             spearman: spearman(&predicted, &truth).unwrap_or(0.0),
-            recall_overlap_30: recall_at(similarity, overlap, k, 0.3),
-            recall_overlap_10: recall_at(similarity, overlap, k, 0.1),
+            recall_overlap_30: recall_at(similarity, overlap, k, 0.3).unwrap_or(1.0),
+            recall_overlap_10: recall_at(similarity, overlap, k, 0.1).unwrap_or(1.0),
         })
     }
 
@@ -57,24 +57,31 @@ impl RetrievalScores {
     }
 }
 
-/// Share of the scans overlapping scan i by more than `above` that are among the k most similar to
-/// i, out of the most that k places could hold; mean over all i that have such scans, 1 when none
-/// has. Ties in similarity go to the lower index.
-pub fn recall_at(similarity: &SimilarityMatrix, overlap: &SimilarityMatrix, k: usize, above: f32) -> f64 {
+/// Recall at `k`: the share of the scans overlapping scan i by more than `above` that are among the
+/// k most similar to i; mean over all i that have such scans, `None` when none has. Ties in
+/// similarity go to the lower index, as in the growth. Where more than k scans overlap i, even the
+/// true order stays below 1.
+pub fn recall_at(
+    similarity: &SimilarityMatrix,
+    overlap: &SimilarityMatrix,
+    k: usize,
+    above: f32,
+) -> Option<f64> {
     let n = overlap.len();
     let (mut sum, mut counted) = (0.0, 0usize);
     for i in 0..n {
         let mut others: Vec<usize> = (0..n).filter(|&j| j != i).collect();
-        let possible = others.iter().filter(|&&j| overlap.get(i, j) > above).count().min(k);
-        if possible == 0 {
+        let overlapping = |j: &&usize| overlap.get(i, **j) > above;
+        let all = others.iter().filter(overlapping).count();
+        if all == 0 {
             continue;
         }
         others.sort_by(|&a, &b| similarity.get(i, b).total_cmp(&similarity.get(i, a)).then(a.cmp(&b)));
-        let hits = others.iter().take(k).filter(|&&j| overlap.get(i, j) > above).count();
-        sum += hits as f64 / possible as f64;
+        let hits = others.iter().take(k).filter(overlapping).count();
+        sum += hits as f64 / all as f64;
         counted += 1;
     }
-    if counted == 0 { 1.0 } else { sum / counted as f64 }
+    (counted > 0).then(|| sum / counted as f64)
 }
 
 /// Spearman's rank correlation: Pearson's of the ranks, equal values sharing their mean rank.
@@ -135,14 +142,17 @@ mod tests {
     }
 
     #[test]
-    fn recall_counts_what_k_places_could_hold() {
+    fn recall_is_the_share_of_overlapping_scans_that_is_found() {
         let overlap = matrix([0.5, 0.4, 0.0, 0.2, 0.0, 0.0]);
         let similarity = matrix([0.9, 0.1, 0.2, 0.3, 0.0, 0.0]);
-        // By hand at k = 1, above 0.3: scan 0 has {1,2}, finds 1 of 1; 1 has {0}, finds it;
-        // 2 has {0} and its most similar is 1: missed; 3 has none.
-        assert!((recall_at(&similarity, &overlap, 1, 0.3) - 2.0 / 3.0).abs() < 1e-12);
+        let close = |found: Option<f64>, expected: f64| (found.unwrap() - expected).abs() < 1e-12;
+        // By hand at k = 1, above 0.3: scan 0 has {1,2} and finds one of the two; 1 has {0} and
+        // finds it; 2 has {0} and its most similar is 1: missed; 3 has none and is left out.
+        assert!(close(recall_at(&similarity, &overlap, 1, 0.3), 1.5 / 3.0));
         // At k = 2 scan 0 finds 1 of 2 (its second is 3), the others all.
-        assert!((recall_at(&similarity, &overlap, 2, 0.3) - 2.5 / 3.0).abs() < 1e-12);
+        assert!(close(recall_at(&similarity, &overlap, 2, 0.3), 2.5 / 3.0));
+        assert!(close(recall_at(&similarity, &overlap, 3, 0.3), 1.0));
+        assert_eq!(recall_at(&similarity, &overlap, 2, 0.9), None);
         let scores = RetrievalScores::of(&similarity, &overlap, 1).unwrap();
         assert!((scores.mae - (0.4 + 0.3 + 0.2 + 0.1) / 6.0).abs() < 1e-7);
     }

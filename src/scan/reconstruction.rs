@@ -32,6 +32,10 @@ pub struct Support {
     pub plane_residual: f64,
     /// Probability that the pose is right; `None` where it was not assessed.
     pub probability: Option<f64>,
+    /// The pose relative to the parent when the scan joined, before any later refinement; `None`
+    /// until it joins.
+    #[serde(default)]
+    pub parent_from_scan: Option<RigidMotion>,
 }
 
 /// A scan with a pose, and what speaks for it.

@@ -1,0 +1,183 @@
+//! A table for people.
+
+use super::table::{CauseRow, Cost, ErrorRow, RecallRow, Spread, Table};
+use crate::evaluation::diagnosis::Cause;
+use crate::evaluation::pose_error::{ROTATION_THRESHOLDS_DEG, TRANSLATION_THRESHOLDS_M};
+use crate::report::grid::{heads, markdown as grid};
+use std::fmt::Write;
+
+/// The whole table as Markdown.
+pub fn markdown(table: &Table) -> String {
+    let mut text = format!("# {}\n\n", table.suite);
+    if table.done < table.planned {
+        writeln!(text, "Not finished: {} of {} cells.\n", table.done, table.planned).ok();
+    }
+    recalls(&mut text, table);
+    by_scene(&mut text, table);
+    errors(&mut text, table);
+    causes(&mut text, table);
+    text
+}
+
+fn percent(value: f64) -> String {
+    format!("{:.1}", 100.0 * value)
+}
+
+/// Mean, and least and greatest where there are several.
+fn spread(value: Option<&Spread>) -> String {
+    match value {
+        None => "–".to_owned(),
+        Some(s) if s.values.len() < 2 => percent(s.mean),
+        Some(s) => format!("{} ({}–{})", percent(s.mean), percent(s.low), percent(s.high)),
+    }
+}
+
+fn cells((done, planned): (usize, usize)) -> String {
+    if done == planned { done.to_string() } else { format!("{done} of {planned}") }
+}
+
+fn cost(cost: Option<&Cost>) -> [String; 3] {
+    let Some(cost) = cost else { return ["–", "–", "–"].map(str::to_owned) };
+    let memory = cost.peak_memory_bytes.map_or("–".to_owned(), |b| format!("{:.0}", b as f64 / 1e6));
+    [format!("{:.1}", cost.seconds), format!("{:.1}", cost.seconds_most), memory]
+}
+
+fn method(row: &RecallRow) -> String {
+    match &row.quoted {
+        Some(source) => format!("*{}: quoted, {source}*", row.method),
+        None => row.method.clone(),
+    }
+}
+
+fn recalls(text: &mut String, table: &Table) {
+    if table.recalls.is_empty() {
+        return;
+    }
+    text.push_str(
+        "## Registration recall\n\nPercent; mean of the scenes, then the mean over seeds (least–greatest). \
+         Pairs with a declined scan are failures. Seconds and memory are those of a scene from \
+         features to poses. Rows in italics are quoted, not measured here.\n\n",
+    );
+    let head = heads(&[
+        "benchmark",
+        "method",
+        "keypoints",
+        "recall",
+        "pooled",
+        "scenes",
+        "cells",
+        "declined",
+        "s a scene",
+        "s at most",
+        "MB at most",
+    ]);
+    let row = |r: &RecallRow| {
+        let (ours, [seconds, most, memory]) = (r.quoted.is_none(), cost(r.cost.as_ref()));
+        let own = |text: String| if ours { text } else { "–".to_owned() };
+        vec![
+            r.benchmark.clone(),
+            method(r),
+            r.keypoints.to_string(),
+            spread(r.recall.as_ref()),
+            spread(r.pooled.as_ref()),
+            r.scenes.to_string(),
+            own(cells(r.cells)),
+            own(format!("{:.1}", r.declined)),
+            seconds,
+            most,
+            memory,
+        ]
+    };
+    text.push_str(&grid(&head, 2, &table.recalls.iter().map(row).collect::<Vec<_>>()));
+    text.push('\n');
+}
+
+fn by_scene(text: &mut String, table: &Table) {
+    let ours = || table.recalls.iter().filter(|r| r.quoted.is_none());
+    let mut datasets: Vec<&String> = ours().map(|r| &r.dataset).collect();
+    datasets.dedup();
+    for dataset in datasets {
+        let columns: Vec<usize> =
+            (0..table.scenes.len()).filter(|&s| table.scenes[s].0 == *dataset).collect();
+        writeln!(text, "## Recall by scene: {dataset}\n").ok();
+        let mut head = heads(&["benchmark", "method", "keypoints"]);
+        head.extend(columns.iter().map(|&s| table.scenes[s].1.clone()));
+        let row = |r: &RecallRow| {
+            let mut row = vec![r.benchmark.clone(), r.method.clone(), r.keypoints.to_string()];
+            let scene = |&s: &usize| r.by_scene[s].map_or("–".to_owned(), percent);
+            row.extend(columns.iter().map(scene));
+            row
+        };
+        text.push_str(&grid(
+            &head,
+            2,
+            &ours().filter(|r| r.dataset == *dataset).map(row).collect::<Vec<_>>(),
+        ));
+        text.push('\n');
+    }
+}
+
+fn errors(text: &mut String, table: &Table) {
+    if table.errors.is_empty() {
+        return;
+    }
+    text.push_str(
+        "## Relative pose errors\n\nShare of all pairs within each limit, percent; pairs with a declined scan \
+         are beyond all of them. Mean over pairs with an estimate, median over all. Averaged over \
+         scenes, then seeds.\n\n",
+    );
+    let mut rotation = heads(&["data set", "method", "keypoints", "cells", "declined"]);
+    let mut translation = rotation.clone();
+    rotation.extend(ROTATION_THRESHOLDS_DEG.map(|t| format!("{t}°")));
+    rotation.extend(heads(&["mean", "median"]));
+    translation.extend(TRANSLATION_THRESHOLDS_M.map(|t| format!("{t} m")));
+    translation.extend(heads(&["mean", "median"]));
+    let start = |r: &ErrorRow| {
+        vec![
+            r.dataset.clone(),
+            r.method.clone(),
+            r.keypoints.to_string(),
+            cells(r.cells),
+            format!("{:.1}", r.declined),
+        ]
+    };
+    let row = |r: &ErrorRow, of_rotation: bool| {
+        let mut row = start(r);
+        let Some(e) = &r.errors else {
+            row.resize(12, "–".to_owned());
+            return row;
+        };
+        let (cdf, mean, median, unit) = match of_rotation {
+            true => (e.rotation_cdf, e.rotation_mean_deg, e.rotation_median_deg, "°"),
+            false => (e.translation_cdf, e.translation_mean_m, e.translation_median_m, " m"),
+        };
+        row.extend(cdf.map(percent));
+        row.extend([mean, median].map(|v| v.map_or("∞".to_owned(), |v| format!("{v:.2}{unit}"))));
+        row
+    };
+    for (head, of_rotation) in [(rotation, true), (translation, false)] {
+        text.push_str(&grid(&head, 2, &table.errors.iter().map(|r| row(r, of_rotation)).collect::<Vec<_>>()));
+        text.push('\n');
+    }
+}
+
+fn causes(text: &mut String, table: &Table) {
+    if table.causes.is_empty() {
+        return;
+    }
+    text.push_str(
+        "## Why pairs failed\n\nFailed pairs of all scenes by what went wrong first, mean over seeds; \
+         carried: neither scan of the pair did (`scanweave diagnose` on a cell says more).\n\n",
+    );
+    let mut head = heads(&["benchmark", "method", "keypoints", "failed"]);
+    head.extend(Cause::ALL.map(|c| c.name().to_owned()));
+    head.push("carried".to_owned());
+    let row = |r: &CauseRow| {
+        let mut row = vec![r.benchmark.clone(), r.method.clone(), r.keypoints.to_string()];
+        let figures = [r.failed].into_iter().chain(r.by_cause).chain([r.carried]);
+        row.extend(figures.map(|v| format!("{v:.1}")));
+        row
+    };
+    text.push_str(&grid(&head, 2, &table.causes.iter().map(row).collect::<Vec<_>>()));
+    text.push('\n');
+}
