@@ -127,14 +127,16 @@ impl<'a> PreparedScene<'a> {
         let m = rng.random_range(config.crop_min..=config.crop_max);
         let center = features.keypoints[rng.random_range(0..features.len())];
         let pool = ((config.crop_pool * m as f64) as usize).clamp(m, features.len().max(m));
-        let mut near: Vec<(f32, u32)> =
-            (0u32..).zip(&features.keypoints).map(|(i, p)| ((p - center).norm_squared(), i)).collect();
-        if pool < near.len() {
-            near.select_nth_unstable_by(pool, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            near.truncate(pool);
-        }
-        let mut kept: Vec<usize> = near.into_iter().map(|(_, i)| i as usize).collect();
-        kept.sort_unstable();
+        let distance = |i: usize| ((features.keypoints[i] - center).norm_squared(), i);
+        let mut near: Vec<(f32, usize)> = (0..features.len()).map(distance).collect();
+        let order = |a: &(f32, usize), b: &(f32, usize)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+        let mut kept: Vec<usize> = if pool < near.len() {
+            // Those before the first that is left out, in the order of the scan: no sorting.
+            let beyond = *near.select_nth_unstable_by(pool, order).1;
+            (0..features.len()).filter(|&i| order(&distance(i), &beyond).is_lt()).collect()
+        } else {
+            (0..features.len()).collect()
+        };
         let (kept, _) = kept.partial_shuffle(&mut rng, m);
         let mut values = Vec::with_capacity(kept.len() * features.descriptors.dim());
         kept.iter().for_each(|&i| values.extend_from_slice(features.descriptors.row(i)));

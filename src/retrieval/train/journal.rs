@@ -29,7 +29,7 @@ pub enum Record {
         learning_rate: f64,
         /// Mean duration of a step, milliseconds.
         step_ms: f64,
-        /// Share of the steps' time spent outside the network (crops, dropout, targets).
+        /// Share of the steps' time in which the network waited for its input (crops, dropout, targets).
         outside_share: f64,
         /// Scores, where this epoch was validated.
         validation: Option<Validation>,

@@ -56,7 +56,7 @@ pub struct TrainReport {
     pub steps: usize,
     /// Mean duration of a step, milliseconds; 0 without steps.
     pub step_ms: f64,
-    /// Share of the steps' time spent outside the network (crops, dropout, targets).
+    /// Share of the steps' time in which the network waited for its input (crops, dropout, targets).
     pub outside_share: f64,
     /// The whole log, of earlier calls too.
     pub records: Vec<Record>,

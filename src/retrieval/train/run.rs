@@ -129,7 +129,8 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// One pass over the scenes in a random order; the mean loss.
+    /// One pass over the scenes in a random order; the mean loss. The input of each step is drawn
+    /// while the network works on the one before.
     pub fn epoch_of(
         &mut self,
         scenes: &[PreparedScene<'_>],
@@ -140,13 +141,28 @@ impl<'a> Run<'a> {
         order.shuffle(&mut generator(self.config.seed, "order of an epoch", self.epoch as u64));
         let learning_rate = self.config.learning_rate_at(self.epoch);
         let mut sum = 0.0;
-        for scene in order {
+        let mut drawn = None;
+        for (k, &scene) in order.iter().enumerate() {
             monitor.check(STAGE)?;
-            let start = Instant::now();
-            let batch = scenes[scene].batch(self.learner.state.steps, self.config)?;
-            clock.outside += start.elapsed();
-            let loss = self.learner.step(&batch, learning_rate)?;
+            let (start, step, config) = (Instant::now(), self.learner.state.steps, self.config);
+            let batch = match drawn.take() {
+                Some(batch) => batch?,
+                None => scenes[scene].batch(step, config)?,
+            };
+            // What a step draws depends on its number alone, so the next one can be drawn meanwhile.
+            let next = order.get(k + 1).map(|&scene| &scenes[scene]);
+            let learner = &mut self.learner;
+            let ((loss, busy), ahead) = rayon::join(
+                || {
+                    let start = Instant::now();
+                    (learner.step(&batch, learning_rate), start.elapsed())
+                },
+                || next.map(|scene| scene.batch(step + 1, config)),
+            );
+            let loss = loss?;
+            drawn = ahead;
             clock.total += start.elapsed();
+            clock.outside += start.elapsed().saturating_sub(busy);
             clock.steps += 1;
             sum += loss;
             monitor.note(&format!("loss {loss:.5}, learning rate {learning_rate:.2e}"));
