@@ -1,10 +1,10 @@
 //! What a registration must show before it is believed.
 //!
 //! Inlier counts alone cannot tell a right pose from a flip or a slide along repeated
-//! structure. The support of a pose joins five measurements in one logistic score:
-//! inlier matches, how far they lead the next distinct hypothesis, the share of the scan
-//! that falls on known surface, whether normals agree there, and how far points lie off
-//! the tangent planes.
+//! structure. The support of a pose joins seven measurements in one logistic score: inlier
+//! matches, how far they lead the next distinct hypothesis, how much surface touches, whether
+//! normals agree there, how far points lie off the tangent planes, how much lies in space that
+//! was seen to be empty, and how firmly the touching surface fixes the pose.
 
 use super::config::{EvidenceConfig, EvidenceWeights};
 use super::incremental::ScanInput;
