@@ -1,0 +1,183 @@
+//! Poses of a component refined together, and joins that are judged after that.
+
+use super::super::config::JointConfig;
+use super::super::estimate::scoring::Correspondences;
+use super::super::joint::{JointScan, MatchedPair, close_loops, refine_jointly};
+use super::{Assembly, Component, ComponentId, Proposal};
+use crate::error::Result;
+use crate::geometry::{Point, RigidMotion};
+use crate::monitor::Monitor;
+use crate::scan::ScanId;
+use rayon::prelude::*;
+use std::collections::{BTreeMap, BTreeSet};
+
+impl Assembly<'_> {
+    /// Refines components that grew enough since the last time, with a coarse setting.
+    ///
+    /// # Errors
+    /// Only when the monitor is cancelled.
+    pub fn refine_grown(&mut self, monitor: &dyn Monitor) -> Result<()> {
+        let joint = &self.config().joint;
+        if !joint.enabled || joint.growth <= 1.0 {
+            return Ok(());
+        }
+        let coarse = self.coarse();
+        let due: Vec<ComponentId> = self
+            .components
+            .iter()
+            .filter(|(_, c)| {
+                c.members.len() > 2 && c.members.len() as f64 >= joint.growth * c.refined_at as f64
+            })
+            .map(|c| *c.0)
+            .collect();
+        for id in due {
+            self.refine(id, &coarse, monitor)?;
+        }
+        Ok(())
+    }
+
+    /// The joint refinement as it is made while components still grow.
+    fn coarse(&self) -> JointConfig {
+        let joint = &self.config().joint;
+        JointConfig {
+            points_per_scan: (joint.points_per_scan / 4).max(1),
+            radii: joint.radii.iter().copied().filter(|&r| r >= 1.0).collect(),
+            rounds: 2,
+            ..joint.clone()
+        }
+    }
+
+    /// Refines every component of at least two scans with the full setting.
+    ///
+    /// # Errors
+    /// Only when the monitor is cancelled.
+    pub fn refine_all(&mut self, monitor: &dyn Monitor) -> Result<()> {
+        if self.config().joint.enabled {
+            let full = self.config().joint.clone();
+            for id in self.components.keys().copied().collect::<Vec<_>>() {
+                self.refine(id, &full, monitor)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn refine(&mut self, id: ComponentId, config: &JointConfig, monitor: &dyn Monitor) -> Result<()> {
+        let Some(component) = self.components.get(&id) else { return Ok(()) };
+        let mut component = component.clone();
+        self.refine_component(&mut component, config, monitor)?;
+        self.components.insert(id, component);
+        // Relative poses changed: what pairs say of links did too.
+        self.replace_links(&[id], id);
+        Ok(())
+    }
+
+    fn refine_component(
+        &self,
+        component: &mut Component,
+        config: &JointConfig,
+        monitor: &dyn Monitor,
+    ) -> Result<()> {
+        let models = self.assessor.models;
+        let poses: Vec<RigidMotion> = component.members.iter().map(|m| m.1).collect();
+        let poses = if config.close_loops {
+            close_loops(&poses, &self.matched_pairs(component), self.assessor.radius_m)
+        } else {
+            poses
+        };
+        let scans: Vec<JointScan<'_>> = component
+            .members
+            .iter()
+            .zip(poses)
+            .map(|(m, world_from_scan)| JointScan { surface: models[m.0.0].surface, world_from_scan })
+            .collect();
+        let refined = refine_jointly(&scans, config, self.assessor.radius_m, monitor)?;
+        for (member, pose) in component.members.iter_mut().zip(refined) {
+            member.1 = pose;
+        }
+        component.refined_at = component.members.len();
+        Ok(())
+    }
+
+    /// What the registered pairs within a component say of their relative poses.
+    fn matched_pairs(&self, component: &Component) -> Vec<MatchedPair> {
+        /// Points of a pair at most.
+        const POINTS: usize = 40;
+        let place: BTreeMap<ScanId, usize> =
+            component.members.iter().enumerate().map(|(m, member)| (member.0, m)).collect();
+        self.pairs
+            .par_iter()
+            .filter_map(|pair| {
+                let best = pair.hypotheses.first().filter(|h| h.probability() >= 0.5)?;
+                let (&i, &j) = (place.get(&pair.i)?, place.get(&pair.j)?);
+                let m = &pair.matches;
+                let inliers = Correspondences::new(&m.source, &m.target)
+                    .inliers(&best.a_from_b, self.assessor.radius_m);
+                let step = inliers.len().div_ceil(POINTS).max(1);
+                let points: Vec<(Point, Point)> =
+                    inliers.iter().step_by(step).map(|&k| (m.target[k], m.source[k])).collect();
+                let (scans, points) = if i < j {
+                    ((i, j), points)
+                } else {
+                    ((j, i), points.into_iter().map(|(p, q)| (q, p)).collect())
+                };
+                Some(MatchedPair { scans, points, weight: best.probability() })
+            })
+            .collect()
+    }
+
+    /// A join that fails only because errors added up inside the components: the most promising
+    /// ones are tried out, all poses refined, and judged by how the two sides then sit on each
+    /// other. Makes the best one that suffices; `false` when none does.
+    ///
+    /// # Errors
+    /// Only when the monitor is cancelled.
+    pub fn join_by_trial(&mut self, monitor: &dyn Monitor) -> Result<bool> {
+        /// Links that are tried.
+        const TRIALS: usize = 6;
+        let mut order: Vec<(ComponentId, ComponentId)> = self.links.keys().copied().collect();
+        let known =
+            |k: &(ComponentId, ComponentId)| self.links[k].assessed.map_or(0.0, |a| a.0.probability());
+        order.retain(|k| {
+            known(k) >= 0.01 && self.components[&k.0].members.len() + self.components[&k.1].members.len() > 2
+        });
+        order.sort_by(|x, y| known(y).total_cmp(&known(x)).then(x.cmp(y)));
+        order.truncate(TRIALS);
+        let coarse = self.coarse();
+        let mut best: Option<(f64, Proposal, Component)> = None;
+        for key in order {
+            let Some((assessment, pair)) = self.links[&key].assessed else { continue };
+            let proposal = Proposal { a: key.0, b: key.1, assessment, pair };
+            let (ca, cb) = (&self.components[&key.0], &self.components[&key.1]);
+            let Some(mut joined) = self.joined(ca, cb, &proposal) else { continue };
+            self.refine_component(&mut joined, &coarse, monitor)?;
+            let side = |c: &Component| -> Vec<(ScanId, RigidMotion)> {
+                let of: BTreeSet<ScanId> = c.members.iter().map(|m| m.0).collect();
+                joined.members.iter().copied().filter(|m| of.contains(&m.0)).collect()
+            };
+            let (a, b) = (side(ca), side(cb));
+            let poses = |m: &[(ScanId, RigidMotion)]| m.iter().copied().collect::<BTreeMap<_, _>>();
+            let matches = self.matches_between(&self.links[&key].pairs, &poses(&a), &poses(&b));
+            let inliers = matches.count(&RigidMotion::identity(), self.assessor.radius_m);
+            let judged = self.assessor.measure(
+                &self.posed(&a),
+                &self.posed(&b),
+                &RigidMotion::identity(),
+                matches.len(),
+                inliers,
+                assessment.support.runner_up,
+            );
+            tracing::debug!("trial {}: then {:?}", self.describe(&proposal), judged.support);
+            let probability = judged.probability();
+            if probability >= self.config().evidence.accept && best.as_ref().is_none_or(|b| probability > b.0)
+            {
+                if let Some(last) = joined.joins.last_mut() {
+                    last.support = judged.support;
+                }
+                best = Some((probability, proposal, joined));
+            }
+        }
+        let Some((_, proposal, joined)) = best else { return Ok(false) };
+        self.replace(&[proposal.a, proposal.b], joined);
+        Ok(true)
+    }
+}

@@ -1,0 +1,156 @@
+//! A second look at placed scans with all that is known in the end.
+
+use super::super::assessment::Assessment;
+use super::super::estimate::same_motion;
+use super::{Assembly, CLUSTERS, Component, ComponentId};
+use crate::error::Result;
+use crate::geometry::RigidMotion;
+use crate::monitor::Monitor;
+use crate::scan::{ScanId, Support};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+impl Assembly<'_> {
+    /// How a member sits among the others of its component as it is, and the best place there is
+    /// for it elsewhere among them.
+    fn place_of(&self, component: &Component, at: usize) -> (Assessment, Option<Assessment>) {
+        let (scan, pose) = component.members[at];
+        let rest: Vec<(ScanId, RigidMotion)> =
+            component.members.iter().enumerate().filter(|m| m.0 != at).map(|m| *m.1).collect();
+        let rest_poses: BTreeMap<ScanId, RigidMotion> = rest.iter().copied().collect();
+        let alone = [(scan, RigidMotion::identity())];
+        let own: BTreeMap<ScanId, RigidMotion> = alone.into_iter().collect();
+        let pairs: Vec<usize> =
+            (0..self.pairs.len()).filter(|&p| self.pairs[p].i == scan || self.pairs[p].j == scan).collect();
+        let matches = self.matches_between(&pairs, &rest_poses, &own);
+        let (group, single) = (self.posed(&rest), self.posed(&alone));
+        let mut proposals: Vec<(RigidMotion, f64)> = Vec::new();
+        for &p in &pairs {
+            let pair = &self.pairs[p];
+            for h in &pair.hypotheses {
+                let (other, other_from_scan) =
+                    if pair.j == scan { (pair.i, h.a_from_b) } else { (pair.j, h.a_from_b.inverse()) };
+                if let Some(world) = rest_poses.get(&other) {
+                    proposals.push((world * other_from_scan, h.probability()));
+                }
+            }
+        }
+        proposals.sort_by(|x, y| y.1.total_cmp(&x.1));
+        let centre = self.assessor.models[scan.0].centre.cast::<f64>();
+        let same = |x: &RigidMotion, y: &RigidMotion| same_motion(x, y, &centre, self.assessor.radius_m);
+        let mut elsewhere: Vec<RigidMotion> = Vec::new();
+        for (motion, _) in &proposals {
+            if elsewhere.len() < CLUSTERS
+                && !same(motion, &pose)
+                && !elsewhere.iter().any(|m| same(m, motion))
+            {
+                elsewhere.push(*motion);
+            }
+        }
+        let radius_m = self.assessor.radius_m;
+        let here = matches.inliers(&pose, radius_m);
+        let others: Vec<Assessment> = self
+            .assessor
+            .assess(&group, &single, &elsewhere, &matches)
+            .into_iter()
+            .filter(|o| !same(&o.a_from_b, &pose))
+            .collect();
+        let there: Vec<Vec<usize>> = others.iter().map(|o| matches.inliers(&o.a_from_b, radius_m)).collect();
+        let runner_up = self.assessor.runner_up(&matches, &pose, there.iter().map(Vec::as_slice));
+        let current = self.assessor.measure(&group, &single, &pose, matches.len(), here.len(), runner_up);
+        // Against the present place an alternative has that as one more rival.
+        let best = others
+            .into_iter()
+            .map(|o| {
+                let rival = self.assessor.runner_up(&matches, &o.a_from_b, [here.as_slice()].into_iter());
+                let next = o.support.runner_up.max(rival);
+                self.assessor.measure(
+                    &group,
+                    &single,
+                    &o.a_from_b,
+                    o.support.matches,
+                    o.support.inliers,
+                    next,
+                )
+            })
+            .max_by(|x, y| x.probability().total_cmp(&y.probability()));
+        (current, best)
+    }
+
+    /// Looks at every placed scan again with all that is known now: one that fits better
+    /// elsewhere moves there, one that is not supported any more is taken out. Returns how many
+    /// changed.
+    ///
+    /// # Errors
+    /// Only when the monitor is cancelled.
+    pub fn review(&mut self, monitor: &dyn Monitor) -> Result<usize> {
+        let mut changed = 0;
+        for id in self.components.keys().copied().collect::<Vec<_>>() {
+            monitor.check("registration")?;
+            let component = &self.components[&id];
+            if component.members.len() < 3 {
+                continue;
+            }
+            let places: Vec<(Assessment, Option<Assessment>)> =
+                (0..component.members.len()).into_par_iter().map(|m| self.place_of(component, m)).collect();
+            let mut out = Vec::new();
+            let mut component = component.clone();
+            for (member, (current, elsewhere)) in component.members.iter_mut().zip(&places) {
+                let better = elsewhere.filter(|e| {
+                    e.probability() >= self.config().evidence.accept
+                        && e.probability() > current.probability()
+                });
+                if let Some(better) = better {
+                    tracing::debug!(
+                        "review: scan {} moves, {:?} to {:?}",
+                        member.0,
+                        current.support,
+                        better.support
+                    );
+                    member.1 = better.a_from_b;
+                    changed += 1;
+                } else if current.probability() < 0.5 {
+                    tracing::debug!("review: scan {} is taken out, {:?}", member.0, current.support);
+                    out.push(member.0);
+                    changed += 1;
+                }
+            }
+            component.members.retain(|m| !out.contains(&m.0));
+            self.components.insert(id, component);
+            for scan in out {
+                let alone = Component {
+                    members: vec![(scan, RigidMotion::identity())],
+                    joins: Vec::new(),
+                    refined_at: 1,
+                };
+                self.components.insert(self.next, alone);
+                self.next += 1;
+            }
+        }
+        self.components.retain(|_, c| !c.members.is_empty());
+        if changed > 0 {
+            self.relink();
+        }
+        Ok(changed)
+    }
+
+    /// The finished components, each with the final support of every member; of a scan alone the
+    /// support of the best join that it was offered.
+    pub fn finish(self) -> Vec<(Component, Vec<Support>)> {
+        let offered = |id: ComponentId| {
+            let links = self.links.iter().filter(|(key, _)| key.0 == id || key.1 == id);
+            let best = links.filter_map(|(_, link)| link.assessed);
+            best.max_by(|x, y| x.0.probability().total_cmp(&y.0.probability()))
+                .map_or_else(Support::default, |a| a.0.support)
+        };
+        let supports: Vec<Vec<Support>> = self
+            .components
+            .iter()
+            .map(|(&id, c)| match c.members.len() {
+                1 => vec![offered(id)],
+                n => (0..n).into_par_iter().map(|m| self.place_of(c, m).0.support).collect(),
+            })
+            .collect();
+        self.components.into_values().zip(supports).collect()
+    }
+}
