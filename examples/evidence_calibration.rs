@@ -134,9 +134,8 @@ fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Fai
     let config = Config::default();
     let similarity = similarity_of(&features, &config.retrieval, None, 0, &Silent)?.0;
     let radius_m = scene.lengths.inlier_radius_m;
-    let points = config.registration.evidence.points_per_scan;
     let models: Vec<ScanModel<'_>> =
-        surfaces.par_iter().map(|s| ScanModel::new(s, radius_m as f32, points)).collect();
+        surfaces.par_iter().map(|s| ScanModel::new(s, radius_m as f32, &config.registration)).collect();
     let assessor = Assessor { models: &models, config: &config.registration, radius_m };
     let usable: Vec<ScanId> = (0..inputs.len()).map(ScanId).collect();
     let pairs = most_similar_pairs(&similarity, &usable, config.registration.assembly.neighbours);

@@ -128,9 +128,9 @@ fn with_assembly<T>(
         .map(|(features, surface)| ScanInput { features, surface })
         .collect();
     let radius_m = described.scale.inlier_radius_m;
-    let models: Vec<ScanModel<'_>> =
-        inputs.iter().map(|i| ScanModel::new(i.surface, radius_m as f32, 400)).collect();
     let config = &places.config.registration;
+    let models: Vec<ScanModel<'_>> =
+        inputs.iter().map(|i| ScanModel::new(i.surface, radius_m as f32, config)).collect();
     let assessor = Assessor { models: &models, config, radius_m };
     let n = inputs.len();
     let all: Vec<ScanId> = (0..n).map(ScanId).collect();

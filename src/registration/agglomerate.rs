@@ -40,10 +40,8 @@ pub(super) fn register(
         scans.iter().map(|s| evidence::unusable(s, MIN_KEYPOINTS, lengths.voxel_m)).collect();
     let usable: Vec<ScanId> = (0..scans.len()).filter(|&i| refusals[i].is_none()).map(ScanId).collect();
     let radius_m = lengths.inlier_radius_m;
-    let models: Vec<ScanModel<'_>> = scans
-        .par_iter()
-        .map(|s| ScanModel::new(s.surface, radius_m as f32, config.evidence.points_per_scan))
-        .collect();
+    let models: Vec<ScanModel<'_>> =
+        scans.par_iter().map(|s| ScanModel::new(s.surface, radius_m as f32, config)).collect();
     let assessor = Assessor { models: &models, config, radius_m };
     let pairwise = PairRegistration::new(scans, &assessor, seed);
 

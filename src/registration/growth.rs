@@ -99,11 +99,8 @@ impl<'a> Growth<'a> {
             }
         }
         let grids = scans.par_iter().map(|s| RadiusGrid::new(&s.features.keypoints, radius_m)).collect();
-        let checked = if config.checks_surfaces() { scans } else { &[] };
-        let models = checked
-            .par_iter()
-            .map(|s| ScanModel::new(s.surface, radius_m, config.evidence.points_per_scan))
-            .collect();
+        let checked = if config.checks_surfaces() || config.joint.enabled { scans } else { &[] };
+        let models = checked.par_iter().map(|s| ScanModel::new(s.surface, radius_m, config)).collect();
         let columns = scans.par_iter().map(|s| Columns::new(&s.features.descriptors)).collect();
         Self {
             scans,
@@ -321,7 +318,7 @@ impl<'a> Growth<'a> {
         let scans: Vec<JointScan<'_>> = self
             .members
             .iter()
-            .map(|m| JointScan { surface: self.scans[m.scan.0].surface, world_from_scan: m.world_from_scan })
+            .map(|m| JointScan { model: &self.models[m.scan.0], world_from_scan: m.world_from_scan })
             .collect();
         let refined = refine_jointly(&scans, &self.config.joint, f64::from(self.radius_m), monitor)?;
         let mut new_from_old: BTreeMap<ScanId, RigidMotion> = BTreeMap::new();

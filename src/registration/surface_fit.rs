@@ -87,7 +87,7 @@ enum Touch {
 pub fn surface_fit(a: &[Posed<'_>], b: &[Posed<'_>], a_from_b: &RigidMotion) -> SurfaceFit {
     let sums = pass(a, b, a_from_b, 1, None);
     let Some(first) = a.first().or(b.first()) else { return SurfaceFit::default() };
-    let radius_m = f64::from(first.model.grid.radius_m());
+    let radius_m = f64::from(first.model.radius_m);
     let touching = (sums.touching[0] + sums.touching[1]) as f64;
     let per_scan =
         |group: &[Posed<'_>]| group.iter().map(|p| p.model.sample.len()).max().unwrap_or(0).max(1) as f64;
@@ -194,7 +194,7 @@ impl<'a> Touches<'a> {
         let other_from_scan = world_from_other.inverse() * self.world_from_scan;
         let centre = other_from_scan * model.centre.cast::<f64>();
         let apart = (centre - other.centre.cast::<f64>()).norm();
-        let radius_m = other.grid.radius_m();
+        let radius_m = other.radius_m;
         // What a scan saw lies within its sphere, and so does the space that it saw through.
         if apart > f64::from(model.reach_m + other.reach_m + radius_m) {
             return false;
@@ -203,7 +203,7 @@ impl<'a> Touches<'a> {
         let mut touched = false;
         for ((&row, touch), violated) in self.rows.iter().zip(&mut self.touches).zip(&mut self.violated) {
             let moved = mover.point(&model.surface.points[row]);
-            if let Some((near, _)) = other.grid.nearest(&moved) {
+            if let Some(near) = other.near(&moved, radius_m) {
                 touched = true;
                 let n = other.surface.normals[near];
                 let off = n.dot(&(moved - other.surface.points[near]));
@@ -224,7 +224,7 @@ impl<'a> Touches<'a> {
     }
 
     fn add_to(&self, sums: &mut Sums, side: usize) {
-        let radius_m = f64::from(self.model.grid.radius_m());
+        let radius_m = f64::from(self.model.radius_m);
         for (touch, &violated) in self.touches.iter().zip(&self.violated) {
             add(sums, side, touch, violated, radius_m);
         }
@@ -307,7 +307,8 @@ mod tests {
     }
 
     fn between(a: &Surface, b: &Surface, a_from_b: &RigidMotion) -> SurfaceFit {
-        let (a, b) = (ScanModel::new(a, 0.07, 10_000), ScanModel::new(b, 0.07, 10_000));
+        let (a, b) =
+            (ScanModel::with_sizes(a, 0.07, 10_000, 0.14), ScanModel::with_sizes(b, 0.07, 10_000, 0.14));
         let posed = |model| Posed { model, group_from_scan: RigidMotion::identity() };
         surface_fit(&[posed(&a)], &[posed(&b)], a_from_b)
     }
@@ -358,7 +359,8 @@ mod tests {
         let mover = PointMover::new(&truth.inverse());
         other.points = mover.points(&other.points);
         other.normals = other.normals.iter().map(|n| mover.direction(n)).collect();
-        let (a, b) = (ScanModel::new(&one, 0.07, 500), ScanModel::new(&other, 0.07, 500));
+        let (a, b) =
+            (ScanModel::with_sizes(&one, 0.07, 500, 0.14), ScanModel::with_sizes(&other, 0.07, 500, 0.14));
         let posed = |model| Posed { model, group_from_scan: RigidMotion::identity() };
         let off = RigidMotion::new(Vector3::new(0.03, -0.02, 0.025), Vector3::new(0.01, -0.015, 0.01));
         for (from, to, exact) in [(&a, &b, truth), (&b, &a, truth.inverse())] {

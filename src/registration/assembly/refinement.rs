@@ -88,7 +88,7 @@ impl Assembly<'_> {
             .members
             .iter()
             .zip(poses)
-            .map(|(m, world_from_scan)| JointScan { surface: models[m.0.0].surface, world_from_scan })
+            .map(|(m, world_from_scan)| JointScan { model: &models[m.0.0], world_from_scan })
             .collect();
         let refined = refine_jointly(&scans, config, self.assessor.radius_m, monitor)?;
         for (member, pose) in component.members.iter_mut().zip(refined) {
