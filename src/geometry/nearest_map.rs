@@ -8,7 +8,7 @@ use super::Point;
 use std::collections::HashMap;
 
 /// Voxels along a radius: finer costs memory and time to build with its third power.
-const VOXELS_PER_RADIUS: f32 = 4.0;
+const VOXELS_PER_RADIUS: f32 = 3.0;
 /// Voxels along the side of a block, which are stored together.
 const SIDE: i32 = 4;
 /// Voxels of a block.
@@ -57,9 +57,13 @@ impl NearestMap {
             if points.is_empty() { Point::origin() } else { low - nalgebra::Vector3::repeat(radius_m) };
         let per_metre = VOXELS_PER_RADIUS / radius_m;
         let mut map = Self { radius_m, per_metre, origin, blocks: Blocks::default(), nearest: Vec::new() };
+        // Block by block: what is written next was written just before.
+        let mut order: Vec<([i32; 3], u32)> =
+            points.iter().zip(0..).map(|(p, i)| (map.voxel(p).map(|v| v.div_euclid(SIDE)), i)).collect();
+        order.sort_unstable();
         let mut squared = Vec::new();
-        for (i, p) in points.iter().enumerate() {
-            map.offer(i as u32, p, &mut squared);
+        for (_, i) in order {
+            map.offer(i, &points[i as usize], &mut squared);
         }
         map.nearest.shrink_to_fit();
         map
@@ -70,8 +74,15 @@ impl NearestMap {
         self.radius_m
     }
 
+    /// Voxel that a place lies in.
+    #[inline]
+    fn voxel(&self, place: &Point) -> [i32; 3] {
+        let at = (place - self.origin) * self.per_metre;
+        [at.x.floor() as i32, at.y.floor() as i32, at.z.floor() as i32]
+    }
+
     /// Offers a point to all voxels whose centres may be looked up within the radius of it; of
-    /// equally near points a voxel keeps the first.
+    /// equally near points a voxel keeps the first offered.
     fn offer(&mut self, index: u32, p: &Point, squared: &mut Vec<f32>) {
         // In voxels from the origin, with centres at whole numbers.
         let at = (p - self.origin) * self.per_metre - nalgebra::Vector3::repeat(0.5);
@@ -95,6 +106,9 @@ impl NearestMap {
                         let dx = (x as f32 - at.x).powi(2);
                         for y in span(1, by) {
                             let dy = dx + (y as f32 - at.y).powi(2);
+                            if dy > limit {
+                                continue;
+                            }
                             let row = start + (((x - bx * SIDE) * SIDE + y - by * SIDE) * SIDE) as usize;
                             for z in span(2, bz) {
                                 let d = dy + (z as f32 - at.z).powi(2);
@@ -113,15 +127,10 @@ impl NearestMap {
 
     /// A point near a place: of the set given to [`Self::new`], the one nearest to the centre of the
     /// place's voxel. `None` where no point is within the radius; some that are found lie up to a
-    /// voxel diagonal (0.43 radii) beyond it, which the caller tells by the distance.
+    /// voxel diagonal (0.58 radii) beyond it, which the caller tells by the distance.
     #[inline]
     pub fn near(&self, place: &Point) -> Option<usize> {
-        let at = (place - self.origin) * self.per_metre;
-        // Below the origin nothing is near, and a cast rounds towards it.
-        if at.x < 0.0 || at.y < 0.0 || at.z < 0.0 {
-            return None;
-        }
-        let voxel = [at.x as i32, at.y as i32, at.z as i32];
+        let voxel = self.voxel(place);
         let block = voxel.map(|v| v.div_euclid(SIDE));
         let start = *self.blocks.get(&key(block))?;
         let within = voxel.map(|v| v.rem_euclid(SIDE));

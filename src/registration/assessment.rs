@@ -5,7 +5,7 @@ use super::estimate::same_motion;
 use super::estimate::scoring::Correspondences;
 use super::evidence;
 use super::scan_model::ScanModel;
-use super::surface_fit::{Posed, align, surface_fit};
+use super::surface_fit::{Posed, SurfaceFit, align, surface_fit};
 use crate::geometry::RigidMotion;
 use crate::geometry::fit::fit_rigid;
 use crate::scan::Support;
@@ -51,19 +51,26 @@ impl Assessor<'_> {
         matches: &Correspondences,
     ) -> Vec<Assessment> {
         let centre = centre_of(b);
-        let mut distinct: Vec<(RigidMotion, Vec<usize>)> = Vec::new();
-        for proposal in proposals {
-            let motion = self.fit_matches(a, b, proposal, matches);
-            let motion = align(a, b, &motion, self.config.evidence.align_rounds, self.align_stride(a, b));
-            if !distinct.iter().any(|(other, _)| same_motion(other, &motion, &centre, self.radius_m)) {
-                distinct.push((motion, matches.inliers(&motion, self.radius_m)));
+        // Motion, inliers, and whether its evidence is worth measuring; the rest are rivals only.
+        let mut distinct: Vec<(RigidMotion, Vec<usize>, bool)> = Vec::new();
+        for (rank, proposal) in proposals.iter().enumerate() {
+            let worthwhile = rank == 0 || !self.is_hopeless(a, b, proposal, matches);
+            let motion = if worthwhile {
+                let fitted = self.fit_matches(a, b, proposal, matches);
+                align(a, b, &fitted, self.config.evidence.align_rounds, self.align_stride(a, b))
+            } else {
+                *proposal
+            };
+            if !distinct.iter().any(|other| same_motion(&other.0, &motion, &centre, self.radius_m)) {
+                distinct.push((motion, matches.inliers(&motion, self.radius_m), worthwhile));
             }
         }
         distinct.sort_by_key(|d| std::cmp::Reverse(d.1.len()));
-        let considered = distinct.len().min(self.config.evidence.hypotheses);
-        let mut assessed: Vec<Assessment> = (0..considered)
+        let considered = (0..distinct.len()).filter(|&h| distinct[h].2);
+        let mut assessed: Vec<Assessment> = considered
+            .take(self.config.evidence.hypotheses)
             .map(|h| {
-                let (a_from_b, inliers) = &distinct[h];
+                let (a_from_b, inliers, _) = &distinct[h];
                 let others = distinct.iter().enumerate().filter(|o| o.0 != h).map(|o| o.1.1.as_slice());
                 let runner_up = self.runner_up(matches, a_from_b, others);
                 self.measure(a, b, a_from_b, matches.len(), inliers.len(), runner_up)
@@ -72,6 +79,27 @@ impl Assessor<'_> {
         // A stable sort: what is equally probable keeps the order of inliers.
         assessed.sort_by(|x, y| y.probability().total_cmp(&x.probability()));
         assessed
+    }
+
+    /// Whether a glance at a few points of two scans shows that a proposal is not worth aligning.
+    fn is_hopeless(
+        &self,
+        a: &[Posed<'_>],
+        b: &[Posed<'_>],
+        proposal: &RigidMotion,
+        matches: &Correspondences,
+    ) -> bool {
+        /// Probability, without any rival, below which nothing is expected of the alignment.
+        const HOPELESS: f64 = 1e-3;
+        /// Every n-th of the points that the evidence is measured with.
+        const STRIDE: usize = 8;
+        // Between groups the proposal may be off by more than what it is measured by.
+        if a.len() + b.len() > 2 {
+            return false;
+        }
+        let inliers = matches.count(proposal, self.radius_m);
+        let glance = support_of(&surface_fit(a, b, proposal, STRIDE), matches.len(), inliers, 0);
+        evidence::probability(&glance, &self.config.evidence.weights) < HOPELESS
     }
 
     /// Between groups, the closed-form fit to the matches near a proposal, narrowing down: what two
@@ -127,18 +155,7 @@ impl Assessor<'_> {
         inliers: usize,
         runner_up: usize,
     ) -> Assessment {
-        let fit = surface_fit(a, b, a_from_b);
-        let mut support = Support {
-            matches,
-            inliers,
-            runner_up,
-            overlap: fit.overlap,
-            normal_agreement: fit.normal_agreement,
-            plane_residual: fit.plane_residual,
-            violation: fit.violation,
-            stiffness: fit.stiffness,
-            ..Support::default()
-        };
+        let mut support = support_of(&surface_fit(a, b, a_from_b, 1), matches, inliers, runner_up);
         let sufficient = inliers >= self.config.evidence.min_inliers;
         let probability = evidence::probability(&support, &self.config.evidence.weights);
         support.probability = Some(if sufficient { probability } else { 0.0 });
@@ -148,6 +165,21 @@ impl Assessor<'_> {
     /// Large groups have points to spare: every n-th of their samples fixes six numbers as well.
     fn align_stride(&self, a: &[Posed<'_>], b: &[Posed<'_>]) -> usize {
         2 * a.len().min(b.len()).clamp(1, 4)
+    }
+}
+
+/// What matches and surfaces say of a pose together.
+fn support_of(fit: &SurfaceFit, matches: usize, inliers: usize, runner_up: usize) -> Support {
+    Support {
+        matches,
+        inliers,
+        runner_up,
+        overlap: fit.overlap,
+        normal_agreement: fit.normal_agreement,
+        plane_residual: fit.plane_residual,
+        violation: fit.violation,
+        stiffness: fit.stiffness,
+        ..Support::default()
     }
 }
 

@@ -233,7 +233,7 @@ impl<'a> Growth<'a> {
         }
         let pose = &hypothesis.target_from_source;
         let alone = Posed { model: &self.models[scan.0], group_from_scan: RigidMotion::identity() };
-        let fit = surface_fit(placed, &[alone], pose);
+        let fit = surface_fit(placed, &[alone], pose, 1);
         support.overlap = fit.overlap;
         support.normal_agreement = fit.normal_agreement;
         support.plane_residual = fit.plane_residual;

@@ -65,7 +65,7 @@ impl<'a> ScanModel<'a> {
     }
 
     /// A point of the surface within `radius_m` of a place in the scan's frame, and (up to a voxel of
-    /// the map, a quarter of its radius) the nearest one.
+    /// the map, a third of its radius) the nearest one.
     #[inline]
     pub fn near(&self, place: &Point, radius_m: f32) -> Option<usize> {
         let map = if radius_m <= self.radius_m {

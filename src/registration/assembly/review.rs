@@ -10,6 +10,9 @@ use crate::scan::{ScanId, Support};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
+/// Another place for a scan is looked at when it has one in so many of the inliers of the present one.
+const RIVAL: usize = 5;
+
 impl Assembly<'_> {
     /// How a member sits among the others of its component as it is, and the best place there is
     /// for it elsewhere among them.
@@ -37,18 +40,19 @@ impl Assembly<'_> {
         }
         proposals.sort_by(|x, y| y.1.total_cmp(&x.1));
         let centre = self.assessor.models[scan.0].centre.cast::<f64>();
-        let same = |x: &RigidMotion, y: &RigidMotion| same_motion(x, y, &centre, self.assessor.radius_m);
+        let radius_m = self.assessor.radius_m;
+        let same = |x: &RigidMotion, y: &RigidMotion| same_motion(x, y, &centre, radius_m);
+        let here = matches.inliers(&pose, radius_m);
         let mut elsewhere: Vec<RigidMotion> = Vec::new();
         for (motion, _) in &proposals {
             if elsewhere.len() < CLUSTERS
                 && !same(motion, &pose)
                 && !elsewhere.iter().any(|m| same(m, motion))
+                && matches.count(motion, radius_m) * RIVAL >= here.len()
             {
                 elsewhere.push(*motion);
             }
         }
-        let radius_m = self.assessor.radius_m;
-        let here = matches.inliers(&pose, radius_m);
         let others: Vec<Assessment> = self
             .assessor
             .assess(&group, &single, &elsewhere, &matches)
