@@ -9,6 +9,9 @@ use std::collections::HashMap;
 
 /// Voxels along a radius: finer costs memory and time to build with its third power.
 const VOXELS_PER_RADIUS: f32 = 3.0;
+/// A place within the radius lies in a voxel whose centre is half a diagonal further at most: in
+/// voxels, less than the side of a block.
+const REACH: f32 = VOXELS_PER_RADIUS + 0.866_026;
 /// Voxels along the side of a block, which are stored together.
 const SIDE: i32 = 4;
 /// Voxels of a block.
@@ -57,13 +60,17 @@ impl NearestMap {
             if points.is_empty() { Point::origin() } else { low - nalgebra::Vector3::repeat(radius_m) };
         let per_metre = VOXELS_PER_RADIUS / radius_m;
         let mut map = Self { radius_m, per_metre, origin, blocks: Blocks::default(), nearest: Vec::new() };
-        // Block by block: what is written next was written just before.
+        // Block by block: the blocks around are found once for all points of one.
         let mut order: Vec<([i32; 3], u32)> =
             points.iter().zip(0..).map(|(p, i)| (map.voxel(p).map(|v| v.div_euclid(SIDE)), i)).collect();
         order.sort_unstable();
         let mut squared = Vec::new();
-        for (_, i) in order {
-            map.offer(i, &points[i as usize], &mut squared);
+        for of_block in order.chunk_by(|one, other| one.0 == other.0) {
+            let block = of_block[0].0;
+            let around = map.blocks_around(block, &mut squared);
+            for &(_, i) in of_block {
+                map.offer(i, &points[i as usize], block, &around, &mut squared);
+            }
         }
         map.nearest.shrink_to_fit();
         map
@@ -81,44 +88,47 @@ impl NearestMap {
         [at.x.floor() as i32, at.y.floor() as i32, at.z.floor() as i32]
     }
 
-    /// Offers a point to all voxels whose centres may be looked up within the radius of it; of
-    /// equally near points a voxel keeps the first offered.
-    fn offer(&mut self, index: u32, p: &Point, squared: &mut Vec<f32>) {
-        // In voxels from the origin, with centres at whole numbers.
-        let at = (p - self.origin) * self.per_metre - nalgebra::Vector3::repeat(0.5);
-        // A place within the radius lies in a voxel whose centre is half a diagonal further at most.
-        let reach = VOXELS_PER_RADIUS + 0.5 * 3f32.sqrt();
-        let limit = reach * reach;
-        let low: [i32; 3] = std::array::from_fn(|a| (at[a] - reach).ceil() as i32);
-        let high: [i32; 3] = std::array::from_fn(|a| (at[a] + reach).floor() as i32);
-        let blocks = |a: usize| low[a].div_euclid(SIDE)..=high[a].div_euclid(SIDE);
-        for bx in blocks(0) {
-            for by in blocks(1) {
-                for bz in blocks(2) {
-                    let next = self.nearest.len();
-                    let start = *self.blocks.entry(key([bx, by, bz])).or_insert(next as u32) as usize;
-                    if start == next {
-                        self.nearest.resize(next + BLOCK, NOBODY);
-                        squared.resize(next + BLOCK, f32::INFINITY);
-                    }
-                    let span = |a: usize, b: i32| low[a].max(b * SIDE)..=high[a].min(b * SIDE + SIDE - 1);
-                    for x in span(0, bx) {
-                        let dx = (x as f32 - at.x).powi(2);
-                        for y in span(1, by) {
-                            let dy = dx + (y as f32 - at.y).powi(2);
-                            if dy > limit {
-                                continue;
-                            }
-                            let row = start + (((x - bx * SIDE) * SIDE + y - by * SIDE) * SIDE) as usize;
-                            for z in span(2, bz) {
-                                let d = dy + (z as f32 - at.z).powi(2);
-                                let voxel = row + (z - bz * SIDE) as usize;
-                                if d < squared[voxel] && d <= limit {
-                                    squared[voxel] = d;
-                                    self.nearest[voxel] = index;
-                                }
-                            }
-                        }
+    /// Where the voxels of a block and its 26 neighbours start, which are made where missing.
+    fn blocks_around(&mut self, block: [i32; 3], squared: &mut Vec<f32>) -> [usize; 27] {
+        std::array::from_fn(|n| {
+            let n = n as i32;
+            let at = [block[0] + n / 9 - 1, block[1] + n / 3 % 3 - 1, block[2] + n % 3 - 1];
+            let next = self.nearest.len();
+            let start = *self.blocks.entry(key(at)).or_insert(next as u32) as usize;
+            if start == next {
+                self.nearest.resize(next + BLOCK, NOBODY);
+                squared.resize(next + BLOCK, f32::INFINITY);
+            }
+            start
+        })
+    }
+
+    /// Offers a point to all voxels that places within the radius of it lie in; of equally near
+    /// points a voxel keeps the first offered.
+    fn offer(&mut self, index: u32, p: &Point, block: [i32; 3], around: &[usize; 27], squared: &mut [f32]) {
+        // In voxels from the corner of the blocks around, with centres at whole numbers.
+        let corner = nalgebra::Vector3::from(block.map(|b| ((b - 1) * SIDE) as f32 + 0.5));
+        let at = (p - self.origin) * self.per_metre - corner;
+        let limit = REACH * REACH;
+        let span = |a: usize| {
+            let (low, high) = ((at[a] - REACH).ceil() as i32, (at[a] + REACH).floor() as i32);
+            low.max(0)..=high.min(3 * SIDE - 1)
+        };
+        for x in span(0) {
+            let dx = (x as f32 - at.x).powi(2);
+            for y in span(1) {
+                let dy = dx + (y as f32 - at.y).powi(2);
+                if dy > limit {
+                    continue;
+                }
+                let row = (x / SIDE * 9 + y / SIDE * 3) as usize;
+                let within = ((x % SIDE * SIDE + y % SIDE) * SIDE) as usize;
+                for z in span(2) {
+                    let d = dy + (z as f32 - at.z).powi(2);
+                    let voxel = around[row + (z / SIDE) as usize] + within + (z % SIDE) as usize;
+                    if d < squared[voxel] && d <= limit {
+                        squared[voxel] = d;
+                        self.nearest[voxel] = index;
                     }
                 }
             }

@@ -63,7 +63,7 @@ pub(super) fn register(
         assembly.refine_all(monitor)?;
     }
     let components = assembly.finish();
-    Ok(conclude(scans, components, &mut refusals, config, radius_m as f32))
+    Ok(conclude(scans, components, &mut refusals, &assessor))
 }
 
 /// Makes joins, the most certain first, until none is certain enough.
@@ -86,13 +86,13 @@ fn conclude(
     scans: &[ScanInput<'_>],
     mut components: Vec<(Component, Vec<Support>)>,
     refusals: &mut [Option<DeclineReason>],
-    config: &RegistrationConfig,
-    radius_m: f32,
+    assessor: &Assessor<'_>,
 ) -> Reconstruction {
+    let Assessor { models, config, radius_m } = *assessor;
     let lowest = |c: &Component| c.members.iter().map(|m| m.0).min();
     components.sort_by_key(|(c, _)| (std::cmp::Reverse(c.members.len()), lowest(c)));
     let grids: Vec<RadiusGrid<'_>> =
-        scans.par_iter().map(|s| RadiusGrid::new(&s.features.keypoints, radius_m)).collect();
+        scans.par_iter().map(|s| RadiusGrid::new(&s.features.keypoints, radius_m as f32)).collect();
     for (component, supports) in components.iter().filter(|(c, _)| c.members.len() == 1) {
         let (alone, support) = (component.members[0].0, supports[0]);
         refusals[alone.0] = evidence::refusal(&support, &config.evidence);
@@ -111,7 +111,7 @@ fn conclude(
         let order = tree_order(component);
         let neighbours: Vec<_> = (0..component.members.len())
             .into_par_iter()
-            .map(|m| neighbours_of(&component.members, m, &grids))
+            .map(|m| neighbours_of(&component.members, m, &grids, models))
             .collect();
         for (m, neighbours) in neighbours.into_iter().enumerate() {
             let (scan, world_from_scan) = component.members[m];
@@ -125,7 +125,7 @@ fn conclude(
                 parent,
                 matches: support.matches,
                 inliers: support.inliers,
-                residual_m: support.plane_residual * f64::from(radius_m),
+                residual_m: support.plane_residual * radius_m,
                 support: Some(support),
                 neighbours,
             });

@@ -16,6 +16,9 @@ use crate::scan::Surface;
 use nalgebra::{Isometry3, Matrix3, Matrix3x6, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 use rayon::prelude::*;
 
+/// Steps shorter than this many radii are the last.
+const SETTLED: f64 = 2e-3;
+
 /// One scan of the component.
 #[derive(Clone, Copy)]
 pub struct JointScan<'a> {
@@ -52,7 +55,7 @@ pub fn refine_jointly(
             let terms: Vec<PairTerm> =
                 pairs.par_iter().map(|&(i, j)| pair_term(i, j, &samples, scans, &poses, radius)).collect();
             let Some(largest_step) = gauss_newton_step(&pairs, &terms, &mut poses, radius_m) else { break };
-            if largest_step < 1e-4 * radius_m {
+            if largest_step < SETTLED * radius_m {
                 break;
             }
         }

@@ -3,7 +3,8 @@
 
 use super::config::RegistrationConfig;
 use crate::geometry::nearest_map::NearestMap;
-use crate::geometry::{Direction, Point};
+use crate::geometry::rigid::PointMover;
+use crate::geometry::{Direction, Point, RigidMotion};
 use crate::scan::Surface;
 use std::sync::OnceLock;
 
@@ -62,6 +63,15 @@ impl<'a> ScanModel<'a> {
             coarse: OnceLock::new(),
             widest_m,
         }
+    }
+
+    /// Whether any of a few points of the other scan's surface lies within τ of this one's.
+    pub fn meets(&self, other: &ScanModel<'_>, self_from_other: &RigidMotion) -> bool {
+        /// Every n-th of the compared points.
+        const STRIDE: usize = 4;
+        let mover = PointMover::new(self_from_other);
+        let points = other.sample.iter().step_by(STRIDE).map(|&i| &other.surface.points[i as usize]);
+        points.into_iter().any(|p| self.near(&mover.point(p), self.radius_m).is_some())
     }
 
     /// A point of the surface within `radius_m` of a place in the scan's frame, and (up to a voxel of
