@@ -21,7 +21,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Clusters of pairwise hypotheses of two components that are assessed.
 const CLUSTERS: usize = 4;
 /// Pairs of components that are assessed at a time.
-const BATCH: usize = 4;
+const BATCH: usize = 2;
 
 /// A link that joined two components.
 #[derive(Debug, Clone, Copy)]

@@ -11,6 +11,9 @@ use crate::geometry::fit::fit_rigid;
 use crate::scan::Support;
 use nalgebra::Point3;
 
+/// A proposal is worth a look at the surfaces when it has one in so many of the inliers of the best.
+pub(super) const RIVAL: usize = 5;
+
 /// A possible relative pose, with what speaks for it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Assessment {
@@ -53,13 +56,17 @@ impl Assessor<'_> {
         let centre = centre_of(b);
         // Motion, inliers, and whether its evidence is worth measuring; the rest are rivals only.
         let mut distinct: Vec<(RigidMotion, Vec<usize>, bool)> = Vec::new();
-        for (rank, proposal) in proposals.iter().enumerate() {
-            let worthwhile = rank == 0 || !self.is_hopeless(a, b, proposal, matches);
+        let mut most = 0;
+        for proposal in proposals {
+            let fitted = self.fit_matches(a, b, proposal, matches);
+            let inliers = matches.count(&fitted, self.radius_m);
+            let worthwhile =
+                inliers * RIVAL >= most && (most == 0 || !self.is_hopeless(a, b, &fitted, matches));
+            most = most.max(inliers);
             let motion = if worthwhile {
-                let fitted = self.fit_matches(a, b, proposal, matches);
                 align(a, b, &fitted, self.config.evidence.align_rounds, self.align_stride(a, b))
             } else {
-                *proposal
+                fitted
             };
             if !distinct.iter().any(|other| same_motion(&other.0, &motion, &centre, self.radius_m)) {
                 distinct.push((motion, matches.inliers(&motion, self.radius_m), worthwhile));

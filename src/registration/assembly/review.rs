@@ -1,6 +1,6 @@
 //! A second look at placed scans with all that is known in the end.
 
-use super::super::assessment::Assessment;
+use super::super::assessment::{Assessment, RIVAL};
 use super::super::estimate::same_motion;
 use super::{Assembly, CLUSTERS, Component, ComponentId};
 use crate::error::Result;
@@ -9,9 +9,6 @@ use crate::monitor::Monitor;
 use crate::scan::{ScanId, Support};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-
-/// Another place for a scan is looked at when it has one in so many of the inliers of the present one.
-const RIVAL: usize = 5;
 
 impl Assembly<'_> {
     /// How a member sits among the others of its component as it is, and the best place there is
