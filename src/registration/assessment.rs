@@ -12,7 +12,7 @@ use crate::scan::Support;
 use nalgebra::Point3;
 
 /// A proposal is worth a look at the surfaces when it has one in so many of the inliers of the best.
-pub(super) const RIVAL: usize = 5;
+pub(super) const RIVAL: usize = 8;
 
 /// A possible relative pose, with what speaks for it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,7 +75,7 @@ impl Assessor<'_> {
         distinct.sort_by_key(|d| std::cmp::Reverse(d.1.len()));
         let considered = (0..distinct.len()).filter(|&h| distinct[h].2);
         let mut assessed: Vec<Assessment> = considered
-            .take(self.config.evidence.hypotheses)
+            .take(if a.len().min(b.len()) > 1 { 2 } else { 1 } * self.config.evidence.hypotheses)
             .map(|h| {
                 let (a_from_b, inliers, _) = &distinct[h];
                 let others = distinct.iter().enumerate().filter(|o| o.0 != h).map(|o| o.1.1.as_slice());

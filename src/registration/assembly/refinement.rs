@@ -3,13 +3,13 @@
 use super::super::config::JointConfig;
 use super::super::estimate::scoring::Correspondences;
 use super::super::joint::{JointScan, MatchedPair, close_loops, refine_jointly};
-use super::{Assembly, Component, ComponentId, Proposal};
+use super::{Assembly, Component, ComponentId};
 use crate::error::Result;
 use crate::geometry::{Point, RigidMotion};
 use crate::monitor::Monitor;
 use crate::scan::ScanId;
 use rayon::prelude::*;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 impl Assembly<'_> {
     /// Refines components that grew enough since the last time, with a coarse setting.
@@ -37,7 +37,7 @@ impl Assembly<'_> {
     }
 
     /// The joint refinement as it is made while components still grow.
-    fn coarse(&self) -> JointConfig {
+    pub(super) fn coarse(&self) -> JointConfig {
         let joint = &self.config().joint;
         JointConfig {
             points_per_scan: (joint.points_per_scan / 4).max(1),
@@ -71,7 +71,7 @@ impl Assembly<'_> {
         Ok(())
     }
 
-    fn refine_component(
+    pub(super) fn refine_component(
         &self,
         component: &mut Component,
         config: &JointConfig,
@@ -98,10 +98,14 @@ impl Assembly<'_> {
         Ok(())
     }
 
-    /// What the registered pairs within a component say of their relative poses.
+    /// What the registered pairs within a component say of their relative poses; pairs that
+    /// contradict these by far more than what adds up along the way say nothing.
     fn matched_pairs(&self, component: &Component) -> Vec<MatchedPair> {
         /// Points of a pair at most.
         const POINTS: usize = 40;
+        /// Distance between a pair's points in radii, root mean square, beyond which it is wrong.
+        const FAR: f64 = 15.0;
+        let far = (FAR * self.assessor.radius_m).powi(2);
         let place: BTreeMap<ScanId, usize> =
             component.members.iter().enumerate().map(|(m, member)| (member.0, m)).collect();
         self.pairs
@@ -115,6 +119,13 @@ impl Assembly<'_> {
                 let step = inliers.len().div_ceil(POINTS).max(1);
                 let points: Vec<(Point, Point)> =
                     inliers.iter().step_by(step).map(|&k| (m.target[k], m.source[k])).collect();
+                let (pose_i, pose_j) = (component.members[i].1, component.members[j].1);
+                let apart = |(p, q): &(Point, Point)| {
+                    (pose_i * p.cast::<f64>() - pose_j * q.cast::<f64>()).norm_squared()
+                };
+                if points.iter().map(apart).sum::<f64>() > far * points.len() as f64 {
+                    return None;
+                }
                 let (scans, points) = if i < j {
                     ((i, j), points)
                 } else {
@@ -123,61 +134,5 @@ impl Assembly<'_> {
                 Some(MatchedPair { scans, points, weight: best.probability() })
             })
             .collect()
-    }
-
-    /// A join that fails only because errors added up inside the components: the most promising
-    /// ones are tried out, all poses refined, and judged by how the two sides then sit on each
-    /// other. Makes the best one that suffices; `false` when none does.
-    ///
-    /// # Errors
-    /// Only when the monitor is cancelled.
-    pub fn join_by_trial(&mut self, monitor: &dyn Monitor) -> Result<bool> {
-        /// Links that are tried.
-        const TRIALS: usize = 6;
-        let mut order: Vec<(ComponentId, ComponentId)> = self.links.keys().copied().collect();
-        let known =
-            |k: &(ComponentId, ComponentId)| self.links[k].assessed.map_or(0.0, |a| a.0.probability());
-        order.retain(|k| {
-            known(k) >= 0.01 && self.components[&k.0].members.len() + self.components[&k.1].members.len() > 2
-        });
-        order.sort_by(|x, y| known(y).total_cmp(&known(x)).then(x.cmp(y)));
-        order.truncate(TRIALS);
-        let coarse = self.coarse();
-        let mut best: Option<(f64, Proposal, Component)> = None;
-        for key in order {
-            let Some((assessment, pair)) = self.links[&key].assessed else { continue };
-            let proposal = Proposal { a: key.0, b: key.1, assessment, pair };
-            let (ca, cb) = (&self.components[&key.0], &self.components[&key.1]);
-            let Some(mut joined) = self.joined(ca, cb, &proposal) else { continue };
-            self.refine_component(&mut joined, &coarse, monitor)?;
-            let side = |c: &Component| -> Vec<(ScanId, RigidMotion)> {
-                let of: BTreeSet<ScanId> = c.members.iter().map(|m| m.0).collect();
-                joined.members.iter().copied().filter(|m| of.contains(&m.0)).collect()
-            };
-            let (a, b) = (side(ca), side(cb));
-            let poses = |m: &[(ScanId, RigidMotion)]| m.iter().copied().collect::<BTreeMap<_, _>>();
-            let matches = self.matches_between(&self.links[&key].pairs, &poses(&a), &poses(&b));
-            let inliers = matches.count(&RigidMotion::identity(), self.assessor.radius_m);
-            let judged = self.assessor.measure(
-                &self.posed(&a),
-                &self.posed(&b),
-                &RigidMotion::identity(),
-                matches.len(),
-                inliers,
-                assessment.support.runner_up,
-            );
-            tracing::debug!("trial {}: then {:?}", self.describe(&proposal), judged.support);
-            let probability = judged.probability();
-            if probability >= self.config().evidence.accept && best.as_ref().is_none_or(|b| probability > b.0)
-            {
-                if let Some(last) = joined.joins.last_mut() {
-                    last.support = judged.support;
-                }
-                best = Some((probability, proposal, joined));
-            }
-        }
-        let Some((_, proposal, joined)) = best else { return Ok(false) };
-        self.replace(&[proposal.a, proposal.b], joined);
-        Ok(true)
     }
 }
