@@ -36,7 +36,7 @@ use std::path::{Path, PathBuf};
 const ROUNDS: usize = 8;
 /// Scans of every other scene that are compared with the scene.
 const STRANGERS: usize = 2;
-const PREDICTORS: usize = 8;
+const PREDICTORS: usize = 9;
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -136,7 +136,7 @@ fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Fai
     let radius_m = scene.lengths.inlier_radius_m;
     let models: Vec<ScanModel<'_>> =
         surfaces.par_iter().map(|s| ScanModel::new(s, radius_m as f32, &config.registration)).collect();
-    let assessor = Assessor { models: &models, config: &config.registration, radius_m };
+    let assessor = Assessor { models: &models, config: &config.registration, radius_m, sight_trusted: true };
     let usable: Vec<ScanId> = (0..inputs.len()).map(ScanId).collect();
     let pairs = most_similar_pairs(&similarity, &usable, config.registration.assembly.neighbours);
     let pairs = PairRegistration::new(&inputs, &assessor, 0).register(&pairs, &Silent)?;
@@ -164,7 +164,7 @@ fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Fai
                 let label =
                     if related { judge(&assessment, assembly.centre(b), radius_m) } else { Some(false) };
                 if let (Some(right), true) = (label, assessment.support.inliers >= 3) {
-                    examples.push(Example { x: predictors(&assessment.support), right });
+                    examples.push(Example { x: predictors(&assessment.support, true), right });
                 }
             }
         }

@@ -131,7 +131,7 @@ fn with_assembly<T>(
     let config = &places.config.registration;
     let models: Vec<ScanModel<'_>> =
         inputs.iter().map(|i| ScanModel::new(i.surface, radius_m as f32, config)).collect();
-    let assessor = Assessor { models: &models, config, radius_m };
+    let assessor = Assessor { models: &models, config, radius_m, sight_trusted: true };
     let n = inputs.len();
     let all: Vec<ScanId> = (0..n).map(ScanId).collect();
     let flat = SimilarityMatrix::new(n, vec![0.5; n * n]).unwrap();

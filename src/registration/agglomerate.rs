@@ -42,12 +42,17 @@ pub(super) fn register(
     let radius_m = lengths.inlier_radius_m;
     let models: Vec<ScanModel<'_>> =
         scans.par_iter().map(|s| ScanModel::new(s.surface, radius_m as f32, config)).collect();
-    let assessor = Assessor { models: &models, config, radius_m };
-    let pairwise = PairRegistration::new(scans, &assessor, seed);
-
-    let mut assembly = Assembly::new(&assessor, &usable);
+    let mut assessor = Assessor { models: &models, config, radius_m, sight_trusted: false };
     let retrieved = most_similar_pairs(similarity, &usable, config.assembly.neighbours);
-    assembly.add_pairs(pairwise.register(&retrieved, monitor)?);
+    let mut pairs = PairRegistration::new(scans, &assessor, seed).register(&retrieved, monitor)?;
+    let surest = pairs.iter().filter_map(|p| Some(&p.hypotheses.first()?.support));
+    assessor.sight_trusted = evidence::sight_is_trustworthy(surest, &config.evidence.weights);
+    tracing::debug!("viewpoints are believed: {}", assessor.sight_trusted);
+    pairs.iter_mut().for_each(|pair| pair.reassess(&assessor));
+
+    let pairwise = PairRegistration::new(scans, &assessor, seed);
+    let mut assembly = Assembly::new(&assessor, &usable);
+    assembly.add_pairs(pairs);
     join_all(&mut assembly, config, monitor)?;
     if config.assembly.second_look {
         let unseen = assembly.unseen_pairs();
@@ -88,7 +93,7 @@ fn conclude(
     refusals: &mut [Option<DeclineReason>],
     assessor: &Assessor<'_>,
 ) -> Reconstruction {
-    let Assessor { models, config, radius_m } = *assessor;
+    let Assessor { models, config, radius_m, .. } = *assessor;
     let lowest = |c: &Component| c.members.iter().map(|m| m.0).min();
     components.sort_by_key(|(c, _)| (std::cmp::Reverse(c.members.len()), lowest(c)));
     let grids: Vec<RadiusGrid<'_>> =

@@ -38,6 +38,8 @@ pub struct Assessor<'a> {
     pub config: &'a RegistrationConfig,
     /// τ, metres.
     pub radius_m: f64,
+    /// Whether viewpoints are believed: [`evidence::sight_is_trustworthy`].
+    pub sight_trusted: bool,
 }
 
 impl Assessor<'_> {
@@ -106,7 +108,7 @@ impl Assessor<'_> {
         }
         let inliers = matches.count(proposal, self.radius_m);
         let glance = support_of(&surface_fit(a, b, proposal, STRIDE), matches.len(), inliers, 0);
-        evidence::probability(&glance, &self.config.evidence.weights) < HOPELESS
+        evidence::probability(&glance, &self.config.evidence.weights, self.sight_trusted) < HOPELESS
     }
 
     /// Between groups, the closed-form fit to the matches near a proposal, narrowing down: what two
@@ -152,6 +154,14 @@ impl Assessor<'_> {
             .unwrap_or(0)
     }
 
+    /// Probability that a pose with this support is right; 0 with fewer inliers than are needed.
+    pub fn probability(&self, support: &Support) -> f64 {
+        if support.inliers < self.config.evidence.min_inliers {
+            return 0.0;
+        }
+        evidence::probability(support, &self.config.evidence.weights, self.sight_trusted)
+    }
+
     /// The evidence for one motion, which is not changed.
     pub fn measure(
         &self,
@@ -163,9 +173,7 @@ impl Assessor<'_> {
         runner_up: usize,
     ) -> Assessment {
         let mut support = support_of(&surface_fit(a, b, a_from_b, 1), matches, inliers, runner_up);
-        let sufficient = inliers >= self.config.evidence.min_inliers;
-        let probability = evidence::probability(&support, &self.config.evidence.weights);
-        support.probability = Some(if sufficient { probability } else { 0.0 });
+        support.probability = Some(self.probability(&support));
         Assessment { a_from_b: *a_from_b, support }
     }
 

@@ -240,7 +240,7 @@ impl<'a> Growth<'a> {
         support.violation = fit.violation;
         support.stiffness = fit.stiffness;
         if self.config.evidence.surfaces {
-            support.probability = Some(evidence::probability(&support, &self.config.evidence.weights));
+            support.probability = Some(evidence::probability(&support, &self.config.evidence.weights, false));
         }
         support
     }

@@ -6,7 +6,6 @@
 
 use super::super::assessment::Assessment;
 use super::super::config::JointConfig;
-use super::super::evidence;
 use super::{Assembly, Component, ComponentId, Proposal};
 use crate::error::Result;
 use crate::geometry::RigidMotion;
@@ -63,10 +62,7 @@ impl Assembly<'_> {
     }
 
     fn probability(&self, support: &Support) -> f64 {
-        if support.inliers < self.config().evidence.min_inliers {
-            return 0.0;
-        }
-        evidence::probability(support, &self.config().evidence.weights)
+        self.assessor.probability(support)
     }
 
     /// Probability if there were no rival.
