@@ -76,6 +76,8 @@ pub struct Assembly<'a> {
     components: BTreeMap<ComponentId, Component>,
     links: BTreeMap<(ComponentId, ComponentId), Link>,
     next: ComponentId,
+    /// Links whose trials failed, with the scans and pairs that they had.
+    tried: BTreeSet<(ComponentId, ComponentId, usize, usize)>,
 }
 
 /// A join that may be made.
@@ -104,7 +106,7 @@ impl<'a> Assembly<'a> {
         };
         let components = scans.iter().map(|s| (s.0, alone(s))).collect();
         let next = scans.iter().map(|s| s.0 + 1).max().unwrap_or(0);
-        Self { assessor, pairs: Vec::new(), components, links: BTreeMap::new(), next }
+        Self { assessor, pairs: Vec::new(), components, links: BTreeMap::new(), next, tried: BTreeSet::new() }
     }
 
     /// Components of scans at given poses, for measuring how evidence relates to truth.

@@ -6,11 +6,13 @@
 
 use super::super::assessment::Assessment;
 use super::super::config::JointConfig;
+use super::super::estimate::same_motion;
 use super::{Assembly, Component, ComponentId, Proposal};
 use crate::error::Result;
 use crate::geometry::RigidMotion;
 use crate::monitor::Monitor;
 use crate::scan::{ScanId, Support};
+use nalgebra::Point3;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Proposals that are tried at a time.
@@ -27,6 +29,9 @@ struct Trial {
     key: (ComponentId, ComponentId),
     proposal: Proposal,
     joined: Component,
+    /// Pose of a scan of the second side relative to one of the first, and the second's centre.
+    first_from_second: RigidMotion,
+    centre: Point3<f64>,
     /// The evidence after the refinement, as if there were no rival.
     support: Support,
 }
@@ -42,6 +47,7 @@ impl Assembly<'_> {
         let mut trials: Vec<Trial> = Vec::new();
         let coarse = self.coarse();
         for (key, assessment, pair) in self.worth_trying() {
+            self.tried.insert(self.state_of(key));
             let proposal = Proposal { a: key.0, b: key.1, assessment, pair };
             if let Some(trial) = self.tried(key, proposal, &coarse, monitor)? {
                 tracing::debug!("trial {}: then {:?}", self.describe(&proposal), trial.support);
@@ -70,11 +76,18 @@ impl Assembly<'_> {
         self.probability(&Support { runner_up: 0, ..*support })
     }
 
-    /// Proposals in the order in which they deserve a trial.
+    /// What a link's trials depend on: while it stays, so does their outcome.
+    fn state_of(&self, key: (ComponentId, ComponentId)) -> (ComponentId, ComponentId, usize, usize) {
+        let scans = self.components[&key.0].members.len() + self.components[&key.1].members.len();
+        (key.0, key.1, scans, self.links[&key].pairs.len())
+    }
+
+    /// Proposals in the order in which they deserve a trial; links that failed before do not.
     fn worth_trying(&self) -> Vec<((ComponentId, ComponentId), Assessment, usize)> {
         let mut worth = Vec::new();
         for (key, link) in &self.links {
-            if self.components[&key.0].members.len() + self.components[&key.1].members.len() <= 2 {
+            let alone = self.components[&key.0].members.len() + self.components[&key.1].members.len() <= 2;
+            if alone || self.tried.contains(&self.state_of(*key)) {
                 continue;
             }
             let mut of_link: Vec<(f64, Assessment, usize)> = link
@@ -109,23 +122,29 @@ impl Assembly<'_> {
             joined.members.iter().copied().filter(|m| of.contains(&m.0)).collect()
         };
         let (a, b) = (side(ca), side(cb));
+        let ([first, ..], [second, ..]) = (a.as_slice(), b.as_slice()) else { return Ok(None) };
+        let first_from_second = first.1.inverse() * second.1;
+        let centre = self.assessor.models[second.0.0].centre.cast();
         let poses = |m: &[(ScanId, RigidMotion)]| m.iter().copied().collect::<BTreeMap<_, _>>();
         let matches = self.matches_between(&self.links[&key].pairs, &poses(&a), &poses(&b));
         let stay = RigidMotion::identity();
         let inliers = matches.count(&stay, self.assessor.radius_m);
         let (a, b) = (self.posed(&a), self.posed(&b));
         let support = self.assessor.measure(&a, &b, &stay, matches.len(), inliers, 0).support;
-        Ok(Some(Trial { key, proposal, joined, support }))
+        Ok(Some(Trial { key, proposal, joined, first_from_second, centre, support }))
     }
 
     /// The support of a trial in the light of the others for the same two components.
     fn judged(&self, trials: &[Trial], at: usize) -> Support {
         let trial = &trials[at];
-        let rivals = trials.iter().enumerate().filter(|(other, t)| *other != at && t.key == trial.key);
-        let standing = rivals
-            .filter(|(_, t)| self.unrivalled(&t.support) >= REFUTED)
-            .map(|(_, t)| t.support.inliers)
-            .max();
+        // Two proposals may lead to one place.
+        let radius_m = self.assessor.radius_m;
+        let elsewhere = |t: &&Trial| {
+            !same_motion(&t.first_from_second, &trial.first_from_second, &trial.centre, radius_m)
+        };
+        let rivals = trials.iter().filter(|t| t.key == trial.key).filter(elsewhere);
+        let standing =
+            rivals.filter(|t| self.unrivalled(&t.support) >= REFUTED).map(|t| t.support.inliers).max();
         let refuted = trial.proposal.assessment.support.runner_up.min(trial.support.inliers / 2);
         Support { runner_up: standing.unwrap_or(0).max(refuted), ..trial.support }
     }
