@@ -14,6 +14,9 @@ use nalgebra::Point3;
 /// A proposal is worth a look at the surfaces when it has one in so many of the inliers of the best.
 pub(super) const RIVAL: usize = 8;
 
+/// Probability at most where only matches could tell and do not.
+const UNDECIDED: f64 = 0.5;
+
 /// A possible relative pose, with what speaks for it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Assessment {
@@ -154,12 +157,14 @@ impl Assessor<'_> {
             .unwrap_or(0)
     }
 
-    /// Probability that a pose with this support is right; 0 with fewer inliers than are needed.
+    /// Probability that a pose with this support is right; 0 with fewer inliers than are needed, and
+    /// at most one half where nothing singles the pose out.
     pub fn probability(&self, support: &Support) -> f64 {
         if support.inliers < self.config.evidence.min_inliers {
             return 0.0;
         }
-        evidence::probability(support, &self.config.evidence.weights, self.sight_trusted)
+        let p = evidence::probability(support, &self.config.evidence.weights, self.sight_trusted);
+        if evidence::is_undecided(support) { p.min(UNDECIDED) } else { p }
     }
 
     /// The evidence for one motion, which is not changed.
