@@ -3,6 +3,7 @@
 use super::super::config::JointConfig;
 use super::super::estimate::scoring::Correspondences;
 use super::super::joint::{JointScan, MatchedPair, close_loops, refine_jointly};
+use super::super::pairs::ScanPair;
 use super::{Assembly, Component, ComponentId};
 use crate::error::Result;
 use crate::geometry::{Point, RigidMotion};
@@ -101,38 +102,46 @@ impl Assembly<'_> {
     /// What the registered pairs within a component say of their relative poses; pairs that
     /// contradict these by far more than what adds up along the way say nothing.
     fn matched_pairs(&self, component: &Component) -> Vec<MatchedPair> {
-        /// Points of a pair at most.
-        const POINTS: usize = 40;
-        /// Distance between a pair's points in radii, root mean square, beyond which it is wrong.
-        const FAR: f64 = 15.0;
-        let far = (FAR * self.assessor.radius_m).powi(2);
         let place: BTreeMap<ScanId, usize> =
             component.members.iter().enumerate().map(|(m, member)| (member.0, m)).collect();
         self.pairs
             .par_iter()
             .filter_map(|pair| {
-                let best = pair.hypotheses.first().filter(|h| h.probability() >= 0.5)?;
                 let (&i, &j) = (place.get(&pair.i)?, place.get(&pair.j)?);
-                let m = &pair.matches;
-                let inliers = Correspondences::new(&m.source, &m.target)
-                    .inliers(&best.a_from_b, self.assessor.radius_m);
-                let step = inliers.len().div_ceil(POINTS).max(1);
-                let points: Vec<(Point, Point)> =
-                    inliers.iter().step_by(step).map(|&k| (m.target[k], m.source[k])).collect();
-                let (pose_i, pose_j) = (component.members[i].1, component.members[j].1);
-                let apart = |(p, q): &(Point, Point)| {
-                    (pose_i * p.cast::<f64>() - pose_j * q.cast::<f64>()).norm_squared()
-                };
-                if points.iter().map(apart).sum::<f64>() > far * points.len() as f64 {
-                    return None;
-                }
+                let i_from_j = component.members[i].1.inverse() * component.members[j].1;
+                let (points, weight) = self.matched_points(pair, &i_from_j)?;
                 let (scans, points) = if i < j {
                     ((i, j), points)
                 } else {
                     ((j, i), points.into_iter().map(|(p, q)| (q, p)).collect())
                 };
-                Some(MatchedPair { scans, points, weight: best.probability() })
+                Some(MatchedPair { scans, points, weight })
             })
             .collect()
+    }
+
+    /// Inlier matches of that probable hypothesis of a pair which is nearest to the relative pose that
+    /// the two have, as points of i and of j, and its probability.
+    fn matched_points(&self, pair: &ScanPair, i_from_j: &RigidMotion) -> Option<(Vec<(Point, Point)>, f64)> {
+        /// Points of a pair at most.
+        const POINTS: usize = 40;
+        /// Distance between a pair's points in radii, root mean square, beyond which it is wrong.
+        const FAR: f64 = 15.0;
+        let m = &pair.matches;
+        let probable = pair.hypotheses.iter().filter(|h| h.probability() >= 0.5);
+        let (apart, points, probability) = probable
+            .map(|h| {
+                let all = Correspondences::new(&m.source, &m.target);
+                let inliers = all.inliers(&h.a_from_b, self.assessor.radius_m);
+                let step = inliers.len().div_ceil(POINTS).max(1);
+                let points: Vec<(Point, Point)> =
+                    inliers.iter().step_by(step).map(|&k| (m.target[k], m.source[k])).collect();
+                let apart =
+                    |(p, q): &(Point, Point)| (p.cast::<f64>() - i_from_j * q.cast::<f64>()).norm_squared();
+                let mean = points.iter().map(apart).sum::<f64>() / points.len().max(1) as f64;
+                (mean, points, h.probability())
+            })
+            .min_by(|x, y| x.0.total_cmp(&y.0))?;
+        (apart <= (FAR * self.assessor.radius_m).powi(2)).then_some((points, probability))
     }
 }
