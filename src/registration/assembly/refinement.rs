@@ -10,7 +10,7 @@ use crate::geometry::{Point, RigidMotion};
 use crate::monitor::Monitor;
 use crate::scan::ScanId;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 impl Assembly<'_> {
     /// Refines components that grew enough since the last time, with a coarse setting.
@@ -65,23 +65,25 @@ impl Assembly<'_> {
     fn refine(&mut self, id: ComponentId, config: &JointConfig, monitor: &dyn Monitor) -> Result<()> {
         let Some(component) = self.components.get(&id) else { return Ok(()) };
         let mut component = component.clone();
-        self.refine_component(&mut component, config, monitor)?;
+        self.refine_component(&mut component, &BTreeSet::new(), config, monitor)?;
         self.components.insert(id, component);
         // Relative poses changed: what pairs say of links did too.
         self.replace_links(&[id], id);
         Ok(())
     }
 
+    /// Refines the poses of a component, of which `newcomers` stand where a trial puts them.
     pub(super) fn refine_component(
         &self,
         component: &mut Component,
+        newcomers: &BTreeSet<ScanId>,
         config: &JointConfig,
         monitor: &dyn Monitor,
     ) -> Result<()> {
         let models = self.assessor.models;
         let poses: Vec<RigidMotion> = component.members.iter().map(|m| m.1).collect();
         let poses = if config.close_loops {
-            close_loops(&poses, &self.matched_pairs(component), self.assessor.radius_m)
+            close_loops(&poses, &self.matched_pairs(component, newcomers), self.assessor.radius_m)
         } else {
             poses
         };
@@ -101,7 +103,7 @@ impl Assembly<'_> {
 
     /// What the registered pairs within a component say of their relative poses; pairs that
     /// contradict these by far more than what adds up along the way say nothing.
-    fn matched_pairs(&self, component: &Component) -> Vec<MatchedPair> {
+    fn matched_pairs(&self, component: &Component, newcomers: &BTreeSet<ScanId>) -> Vec<MatchedPair> {
         let place: BTreeMap<ScanId, usize> =
             component.members.iter().enumerate().map(|(m, member)| (member.0, m)).collect();
         self.pairs
@@ -109,7 +111,8 @@ impl Assembly<'_> {
             .filter_map(|pair| {
                 let (&i, &j) = (place.get(&pair.i)?, place.get(&pair.j)?);
                 let i_from_j = component.members[i].1.inverse() * component.members[j].1;
-                let (points, weight) = self.matched_points(pair, &i_from_j)?;
+                let on_trial = newcomers.contains(&pair.i) != newcomers.contains(&pair.j);
+                let (points, weight) = self.matched_points(pair, &i_from_j, on_trial)?;
                 let (scans, points) = if i < j {
                     ((i, j), points)
                 } else {
@@ -120,9 +123,15 @@ impl Assembly<'_> {
             .collect()
     }
 
-    /// Inlier matches of that probable hypothesis of a pair which is nearest to the relative pose that
-    /// the two have, as points of i and of j, and its probability.
-    fn matched_points(&self, pair: &ScanPair, i_from_j: &RigidMotion) -> Option<(Vec<(Point, Point)>, f64)> {
+    /// Inlier matches of the most probable hypothesis of a pair, or while the two are `on_trial` of
+    /// that probable one which is nearest to their relative pose, as points of i and of j; and its
+    /// probability.
+    fn matched_points(
+        &self,
+        pair: &ScanPair,
+        i_from_j: &RigidMotion,
+        on_trial: bool,
+    ) -> Option<(Vec<(Point, Point)>, f64)> {
         /// Points of a pair at most.
         const POINTS: usize = 40;
         /// Distance between a pair's points in radii, root mean square, beyond which it is wrong.
@@ -130,6 +139,7 @@ impl Assembly<'_> {
         let m = &pair.matches;
         let probable = pair.hypotheses.iter().filter(|h| h.probability() >= 0.5);
         let (apart, points, probability) = probable
+            .take(if on_trial { usize::MAX } else { 1 })
             .map(|h| {
                 let all = Correspondences::new(&m.source, &m.target);
                 let inliers = all.inliers(&h.a_from_b, self.assessor.radius_m);

@@ -116,7 +116,8 @@ impl Assembly<'_> {
     ) -> Result<Option<Trial>> {
         let (ca, cb) = (&self.components[&key.0], &self.components[&key.1]);
         let Some(mut joined) = self.joined(ca, cb, &proposal) else { return Ok(None) };
-        self.refine_component(&mut joined, coarse, monitor)?;
+        let newcomers: BTreeSet<ScanId> = cb.members.iter().map(|m| m.0).collect();
+        self.refine_component(&mut joined, &newcomers, coarse, monitor)?;
         let side = |c: &Component| -> Vec<(ScanId, RigidMotion)> {
             let of: BTreeSet<ScanId> = c.members.iter().map(|m| m.0).collect();
             joined.members.iter().copied().filter(|m| of.contains(&m.0)).collect()
