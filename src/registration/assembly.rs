@@ -1,9 +1,12 @@
 //! State of a registration that joins components, strongest evidence first, and the mechanism
 //! of its steps; [`super::agglomerate`] says when each happens.
 
+mod hold;
 mod refinement;
 mod review;
 mod trial;
+
+pub use review::Finished;
 
 use super::assessment::{Assessment, Assessor, centre_of};
 use super::config::RegistrationConfig;
