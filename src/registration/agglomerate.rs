@@ -55,7 +55,7 @@ pub(super) fn register(
     assembly.add_pairs(pairs);
     join_all(&mut assembly, config, monitor)?;
     if config.assembly.second_look {
-        let unseen = assembly.unseen_pairs();
+        let unseen = assembly.unseen_pairs(similarity);
         assembly.add_pairs(pairwise.register(&unseen, monitor)?);
         join_all(&mut assembly, config, monitor)?;
     }
