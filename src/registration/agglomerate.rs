@@ -133,7 +133,7 @@ fn conclude(
                 residual_m: support.plane_residual * radius_m,
                 support: Some(support),
                 neighbours,
-                hold: Some(holds[m]),
+                hold: Some(Box::new(holds[m])),
             });
         }
     }

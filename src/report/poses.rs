@@ -98,7 +98,7 @@ pub struct Pose {
     pub neighbours: Vec<NeighbourEvidence>,
     /// How firmly it is held; null where that was not assessed.
     #[serde(default)]
-    pub hold: Option<Hold>,
+    pub hold: Option<Box<Hold>>,
 }
 
 impl Document {
@@ -183,7 +183,7 @@ impl Pose {
             residual_m: placement.residual_m,
             support: placement.support,
             neighbours: placement.neighbours.clone(),
-            hold: placement.hold,
+            hold: placement.hold.clone(),
         }
     }
 
@@ -207,7 +207,7 @@ impl Pose {
             residual_m: self.residual_m,
             support: self.support,
             neighbours: self.neighbours.clone(),
-            hold: self.hold,
+            hold: self.hold.clone(),
         })
     }
 }

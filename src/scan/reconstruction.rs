@@ -101,7 +101,7 @@ pub struct Placement {
     /// Agreement with every placed scan it touches.
     pub neighbours: Vec<NeighbourEvidence>,
     /// How firmly it is held; `None` where that was not assessed.
-    pub hold: Option<Hold>,
+    pub hold: Option<Box<Hold>>,
 }
 
 impl Placement {
