@@ -211,7 +211,7 @@ impl Default for EvidenceConfig {
             hypotheses: 3,
             points_per_scan: 400,
             align_rounds: 6,
-            accept: 0.6,
+            accept: 0.7,
             confident: 0.95,
             weights: EvidenceWeights::default(),
         }

@@ -69,13 +69,15 @@ pub fn probability(support: &Support, weights: &EvidenceWeights, sight_trusted: 
     1.0 / (1.0 + (-score).exp())
 }
 
-/// Whether only matches can tell and do not: the touching surface leaves some motion free, as two
-/// walls do, so that it fits elsewhere as well, and another pose has half as many matches or more.
+/// Whether matches do not single a pose out and must: another pose has more of them; or it has half
+/// as many, and the touching surface leaves some motion free, as two walls do, so that it fits
+/// elsewhere as well. A trial can still show that the other pose does not hold.
 pub fn is_undecided(support: &Support) -> bool {
     /// Stiffness below which a motion is free. Of 1045 joins on five 3DMatch scenes, nearly all of
     /// them right, a hundredth lie below 0.0155.
     const FREE: f64 = 0.01;
-    support.stiffness < FREE && support.inliers <= 2 * support.runner_up
+    let needed = if support.stiffness < FREE { 2 * support.runner_up } else { support.runner_up };
+    support.runner_up > 0 && support.inliers <= needed
 }
 
 /// Why a registration does not suffice, or `None` when it does.
@@ -169,6 +171,8 @@ mod tests {
         assert!(is_undecided(&wall));
         assert!(!is_undecided(&Support { inliers: 33, ..wall }));
         assert!(!is_undecided(&Support { stiffness: 0.05, ..wall }));
+        assert!(is_undecided(&Support { stiffness: 0.05, runner_up: 40, ..wall }));
+        assert!(!is_undecided(&Support { runner_up: 0, ..wall }));
     }
 
     #[test]

@@ -39,7 +39,7 @@ struct Trial {
 impl Assembly<'_> {
     /// Tries the most promising joins and makes the best one that suffices; `false` when none does.
     ///
-    /// Rivals that a trial refuted count no more than half the inliers of the join they rival.
+    /// A rival that a trial refuted counts half its inliers.
     ///
     /// # Errors
     /// Only when the monitor is cancelled.
@@ -146,7 +146,8 @@ impl Assembly<'_> {
         let rivals = trials.iter().filter(|t| t.key == trial.key).filter(elsewhere);
         let standing =
             rivals.filter(|t| self.unrivalled(&t.support) >= REFUTED).map(|t| t.support.inliers).max();
-        let refuted = trial.proposal.assessment.support.runner_up.min(trial.support.inliers / 2);
+        // That many matches agree by chance or likeness here, even if on something impossible.
+        let refuted = trial.proposal.assessment.support.runner_up.div_ceil(2);
         Support { runner_up: standing.unwrap_or(0).max(refuted), ..trial.support }
     }
 }
