@@ -20,6 +20,7 @@ mod options;
 mod outcome;
 mod progress;
 mod register;
+mod report;
 mod result_folder;
 mod sample;
 mod status;
@@ -59,6 +60,7 @@ pub struct Verbosity {
 #[derive(Debug, Subcommand)]
 enum Command {
     Register(register::Arguments),
+    Report(report::Arguments),
     Demo(demo::Arguments),
     Describe(describe::Arguments),
     Evaluate(evaluate::Arguments),
@@ -80,6 +82,7 @@ enum Command {
 pub fn run(cli: Cli) -> anyhow::Result<Status> {
     match cli.command {
         Command::Register(arguments) => register::run(arguments, &cli.verbosity),
+        Command::Report(arguments) => report::run(&arguments, &cli.verbosity),
         Command::Demo(arguments) => demo::run(arguments, &cli.verbosity),
         Command::Describe(arguments) => describe::run(&arguments, &cli.verbosity),
         Command::Evaluate(arguments) => evaluate::run(arguments, &cli.verbosity),
