@@ -5,6 +5,7 @@ pub mod diagnosis;
 pub mod grid;
 pub mod growth_tree;
 pub mod html;
+pub mod inspect;
 pub mod merged;
 pub mod overlaps;
 pub mod poses;
