@@ -60,6 +60,18 @@ fn a_result_gives_the_page_that_register_wrote_and_every_problem_is_named() {
     report(&result).args(["--threads", "2"]).assert().success().stdout(contains("All 3 scans placed"));
     assert_eq!(data(&page), first);
 
+    // With the truth that `synth` wrote every scan tells its error (a few mm; see cli_register.rs).
+    let judged = place.path().join("judged.html");
+    std::fs::rename(scans.join("cloud_bin_1.info.txt"), scans.join(hostile.replace(".ply", ".info.txt")))
+        .unwrap();
+    report(&result).arg("-o").arg(&judged).arg("--truth").arg(&scans).assert().success();
+    for scan in data(&judged)["scans"].as_array().unwrap() {
+        let error = scan["error"]["translation_m"].as_f64().unwrap();
+        assert!(error < 0.05, "{error} m");
+    }
+    assert_eq!(first["scans"][0]["error"], serde_json::Value::Null);
+    report(&result).arg("--truth").arg(&result).assert().code(3).stderr(contains("result"));
+
     // Without the scans the verdicts remain; --scans brings the points back.
     let moved: PathBuf = place.path().join("moved");
     std::fs::rename(&scans, &moved).unwrap();

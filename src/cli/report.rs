@@ -1,5 +1,6 @@
 //! `scanweave report`.
 
+use super::evaluate::against_truth;
 use super::options::ThreadOption;
 use super::progress::Progress;
 use super::result_folder::{CONFIG, OVERLAP, PAGE, POSES, REPORT};
@@ -32,6 +33,10 @@ pub struct Arguments {
     /// @list.txt.
     #[arg(long, value_name = "SCANS", num_args = 1..)]
     scans: Vec<String>,
+    /// Folder of the scans with their true poses, as `evaluate` takes it: the page then tells every
+    /// scan's error too, and colours by it.
+    #[arg(long, value_name = "SCENE")]
+    truth: Option<PathBuf>,
     #[command(flatten)]
     threads: ThreadOption,
 }
@@ -47,6 +52,10 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
         true => Some(overlaps::read_predicted(&overlap_file, poses.scans.len())?),
         false => None,
     };
+    let truth = match &arguments.truth {
+        Some(truth) => Some(against_truth(&poses, &poses.reconstruction()?, truth)?.0),
+        None => None,
+    };
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;
     let clouds = clouds(arguments, &poses, &progress)?;
@@ -58,6 +67,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
         similarity: similarity.as_ref(),
         clouds: &clouds.iter().collect::<Vec<_>>(),
         surfaces: &surfaces,
+        truth: truth.as_ref(),
     })?;
     let output = arguments.output.clone().unwrap_or_else(|| folder.join(PAGE));
     io::atomic::write(&output, |out| out.write_all(page.as_bytes()))?;

@@ -83,6 +83,7 @@ impl ResultFolder {
                 similarity: Some(&run.similarity),
                 clouds: &clouds,
                 surfaces: &run.surfaces,
+                truth: None,
             })?;
             self.write_text(PAGE, &page)
         })?;

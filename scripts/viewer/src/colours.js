@@ -35,12 +35,16 @@ export function cssRamp(name) {
 /** Residuals are drawn up to this share of the inlier radius. */
 export const MOST_RESIDUAL = 0.5;
 
+/** Errors against the truth are drawn up to so many inlier radii. */
+export const MOST_ERROR = 3;
+
 /** Ways to colour that this data allows, as [key, name] pairs. */
 export function modes(data) {
   const placed = data.scans.filter((s) => s.placed);
   const all = [['scan', 'scan'], ['step', 'growth step']];
   if (data.scans.some((s) => s.points.residual !== null)) all.push(['residual', 'distance to other scans']);
   if (placed.some((s) => typeof s.placed.support?.probability === 'number')) all.push(['probability', 'probability']);
+  if (data.scans.some((s) => s.error)) all.push(['error', 'error against the truth']);
   if (data.scans.some((s) => s.points.rgb !== null)) all.push(['original', 'original colour']);
   return all;
 }
@@ -52,6 +56,10 @@ export function colourOf(data, scan, mode) {
   if (mode === 'probability') {
     const p = placed?.support?.probability;
     return typeof p === 'number' ? ramp('error', 1 - p) : GREY;
+  }
+  if (mode === 'error') {
+    const { error } = data.scans[scan];
+    return error ? ramp('error', error.translation_m / (MOST_ERROR * data.scale.inlier_radius_m)) : GREY;
   }
   if (mode === 'residual' || mode === 'original') return GREY;
   return scanColour(scan);

@@ -2,7 +2,7 @@
 
 import { button, byId, check, choice, el, slider } from './dom.js';
 import { counted, length, readData } from './data.js';
-import { colourOf, css, cssRamp, modes, MOST_RESIDUAL } from './colours.js';
+import { colourOf, css, cssRamp, modes, MOST_ERROR, MOST_RESIDUAL } from './colours.js';
 import { details, evidence, leftOut, list, note, runFacts, tree } from './panels.js';
 import { matrix } from './matrix.js';
 import { View } from './scene.js';
@@ -94,6 +94,7 @@ function legend(data, state) {
     const content = {
       step: () => scale('order', 'first', 'last'),
       probability: () => scale('error', 'certain', 'doubtful'),
+      error: () => scale('error', '0', `${length(MOST_ERROR * radius)} and more`),
       residual: () => [...scale('error', '0', `${length(MOST_RESIDUAL * radius)} and more`), `grey: no other scan within ${length(radius)}`],
     }[state.colour];
     place.replaceChildren(...(content ? content() : []));

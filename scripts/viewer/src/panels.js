@@ -28,6 +28,11 @@ export function note(data) {
   if (components.length > 1) parts.push('Positions in different models have nothing to do with each other: each model is shown by itself.');
   const without = scans.filter((s) => !s.points.count).length;
   if (without) parts.push(`The points of ${counted(without, 'scan')} were not at hand when this page was made.`);
+  const worst = scans.filter((s) => s.error).sort((a, b) => b.error.translation_m - a.error.translation_m);
+  if (worst.length) {
+    const middle = worst[Math.floor(worst.length / 2)].error;
+    parts.push(`Against the truth a scan is off by ${length(middle.translation_m)} in the median; ${worst[0].name} is off most, by ${length(worst[0].error.translation_m)}.`);
+  }
   byId('note').textContent = parts.join(' ');
 }
 
@@ -78,12 +83,15 @@ function order(data) {
 
 const name = (data, i) => (i === null || i === undefined ? '' : data.scans[i].name);
 
+const degrees = (v) => `${v.toFixed(2)}°`;
+
 /** Columns of the evidence: head, value to sort by, text. */
 function columns(data) {
   const placed = (f) => (s, i) => (s.placed ? f(s.placed, s, i) : null);
   const joined = (f) => placed((p, s) => (p.parent === null ? null : f(p, s)));
   const support = (f) => joined((p) => (p.support ? f(p.support) : null));
   const several = data.components.length > 1;
+  const judged = data.scans.some((s) => s.error);
   return [
     ['Outcome', (s) => (s.left_out ? 'left out' : s.placed.parent === null ? 'pivot' : 'placed'), String, 'text'],
     several ? ['Model', placed((p) => p.component + 1), String] : null,
@@ -95,6 +103,8 @@ function columns(data) {
     ['Overlap', placed((p, s) => overlapOf(s)), share],
     ['Residual', joined((p) => p.residual_m), length],
     ['Probability', support((p) => p.probability), share],
+    judged ? ['Angle off', (s) => s.error?.rotation_deg ?? null, degrees] : null,
+    judged ? ['Shift off', (s) => s.error?.translation_m ?? null, length] : null,
     ['Points', (s) => s.size?.points ?? null, (v) => v.toLocaleString('en')],
     data.scans.some((s) => s.left_out) ? ['Why left out', (s) => s.left_out?.exact ?? null, String, 'text why'] : null,
   ].filter(Boolean);
@@ -201,6 +211,7 @@ function factsOf(data, scan) {
     if (typeof s.probability === 'number') facts.push(['Probability to be right', share(s.probability)]);
   }
   if (p.parent !== null) facts.push(['Residual', length(p.residual_m)]);
+  if (scan.error) facts.push(['Error against the truth', `${degrees(scan.error.rotation_deg)}, ${length(scan.error.translation_m)}`]);
   return facts;
 }
 

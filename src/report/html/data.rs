@@ -5,6 +5,7 @@ use super::super::run::{ScanSize, StageTime};
 use super::points::{MOST_POINTS, Packed, choose};
 use super::{Input, agreement, wording};
 use crate::descriptor::WorkingScale;
+use crate::evaluation::pose_error::PoseError;
 use crate::scan::{NeighbourEvidence, SimilarityMatrix, Support};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -40,6 +41,8 @@ struct ScanData<'a> {
     /// Null for a placed scan.
     left_out: Option<LeftOutData<'a>>,
     size: Option<&'a ScanSize>,
+    /// Error against the truth, in a frame fitted to its component; null where it is not known.
+    error: Option<PoseError>,
     /// Where the sensor stood, metres in the scan's frame.
     viewpoint: [f32; 3],
     points: Packed,
@@ -78,6 +81,7 @@ impl<'a> Data<'a> {
             placed: placed(entry),
             left_out: left_out(entry),
             size: run.sizes.get(i),
+            error: input.truth.and_then(|t| t.scans.iter().find(|e| e.scan.0 == i)).map(|e| e.error),
             viewpoint: input.clouds[i].viewpoint.coords.into(),
             points: Packed::new(&shown[i], residuals[i].as_deref()),
         });

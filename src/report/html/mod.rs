@@ -15,6 +15,7 @@ pub use wording::headline;
 use super::poses::Document;
 use super::run::RunReport;
 use crate::error::{Error, Result};
+use crate::evaluation::pose_error::PoseReport;
 use crate::scan::{PointCloud, SimilarityMatrix, Surface};
 
 const TEMPLATE: &str = include_str!("page.html");
@@ -34,6 +35,8 @@ pub struct Input<'a> {
     pub clouds: &'a [&'a PointCloud],
     /// The same scans, thinned, with normals.
     pub surfaces: &'a [Surface],
+    /// Errors of the placed scans, where the truth is known.
+    pub truth: Option<&'a PoseReport>,
 }
 
 /// The whole page. The same input gives the same bytes on any number of threads.

@@ -78,6 +78,7 @@ fn hostile_names_stay_inside_the_json_and_come_back_unchanged() {
         similarity: None,
         clouds: &[&cloud; 4],
         surfaces: &vec![Surface::default(); 4],
+        truth: None,
     };
     let page = page(&input).unwrap();
     // No more elements than the template has.
@@ -102,8 +103,15 @@ fn lists_of_different_lengths_are_refused() {
     let document =
         document(vec![Outcome::Declined(DeclineReason::TooFewKeypoints { keypoints: 0, needed: 3 })]);
     let run = run_report(&document);
-    let input =
-        Input { poses: &document, run: &run, config: "", similarity: None, clouds: &[], surfaces: &[] };
+    let input = Input {
+        poses: &document,
+        run: &run,
+        config: "",
+        similarity: None,
+        clouds: &[],
+        surfaces: &[],
+        truth: None,
+    };
     assert!(page(&input).unwrap_err().to_string().contains("1 poses"));
 }
 
