@@ -142,8 +142,8 @@ function start() {
   // For measuring: scripts/report-figures.mjs turns the model once and counts.
   window.scanweave = {
     ready: true,
-    turn: (frames) => view.measure(frames),
-    frames: () => view.drawn,
+    turn: (frames, share = 1) => view.measure(frames, share),
+    spin: (milliseconds) => view.spin(milliseconds),
     settled: () => !view || view.settled,
   };
 }

@@ -14,6 +14,8 @@ import { POINT_FRAGMENT, POINT_VERTEX, SCREEN_FRAGMENT, SCREEN_VERTEX } from './
 
 const IDENTITY = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]];
 const SAMPLE = 400;
+/** Share of the points below which the rest of the picture gets simpler too. */
+const COARSE = 0.6;
 
 export class View {
   /** Throws where the browser offers no WebGL 2. */
@@ -35,6 +37,7 @@ export class View {
     this.screen = this.screenPass();
     this.pending = false;
     this.drawn = 0;
+    this.size = [4, 4];
     this.settled = false;
     this.moving = { share: 1, last: -Infinity, timer: 0, full: false };
     this.orbit = new Orbit(canvas, this);
@@ -178,7 +181,7 @@ export class View {
     const ratio = Math.min(window.devicePixelRatio || 1, 2);
     this.renderer.setPixelRatio(ratio);
     this.renderer.setSize(width, height, false);
-    this.screen.target.setSize(Math.round(width * ratio), Math.round(height * ratio));
+    this.size = [Math.round(width * ratio), Math.round(height * ratio)];
     this.camera.aspect = width / height;
     if (this.orbit.fitted) this.fit();
     this.draw();
@@ -210,7 +213,7 @@ export class View {
       const { moving } = this;
       this.pending = false;
       const took = now - moving.last;
-      if (took > 45 && took < 1000) moving.share = Math.max(0.08, 0.7 * moving.share);
+      if (took > 45 && took < 5000) moving.share = Math.max(0.05, 0.6 * moving.share);
       else if (took < 22) moving.share = Math.min(1, 1.15 * moving.share);
       moving.last = moving.full ? -Infinity : now;
       this.settled = moving.full;
@@ -219,15 +222,25 @@ export class View {
     });
   }
 
+  /** Turns the model for a while as a hand would; frames a second. */
+  async spin(milliseconds) {
+    const [start, before] = [performance.now(), this.drawn];
+    while (performance.now() - start < milliseconds) {
+      this.orbit.turn(0.02, 0);
+      await new Promise((done) => requestAnimationFrame(done));
+    }
+    return (1000 * (this.drawn - before)) / (performance.now() - start);
+  }
+
   /** Turns the model once in so many frames, each drawn to its end; milliseconds of each. */
-  async measure(frames) {
+  async measure(frames, share) {
     const pixel = new Uint8Array(4);
     const gl = this.renderer.getContext();
     const times = [];
     for (let i = 0; i < frames; i++) {
       const start = performance.now();
       this.orbit.azimuth += (2 * Math.PI) / frames;
-      this.render();
+      this.render(share);
       gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
       times.push(performance.now() - start);
       await new Promise((done) => setTimeout(done));
@@ -237,6 +250,9 @@ export class View {
 
   render(share = 1) {
     const { target, material, scene, camera } = this.screen;
+    // Where drawing is slow, a view that is being turned has fewer pixels and no shading.
+    const coarse = share < COARSE;
+    target.setSize(...this.size.map((s) => Math.ceil(coarse ? s / 2 : s)));
     this.orbit.place(this.camera);
     this.drawn += 1;
     const height = target.height;
@@ -246,7 +262,7 @@ export class View {
       if (!cloud.visible) continue;
       const { uniforms } = cloud.material;
       cloud.geometry.setDrawRange(0, Math.ceil(share * cloud.userData.packed.count));
-      uniforms.uSize.value = (this.options.size * cloud.userData.spacing) / Math.sqrt(Math.max(share, 0.1));
+      uniforms.uSize.value = (this.options.size * cloud.userData.spacing) / Math.sqrt(Math.max(share, 0.15));
       uniforms.uScale.value = scale;
       uniforms.uCut.value = cut;
       uniforms.uUp.value.set(...this.frame.up);
@@ -254,7 +270,7 @@ export class View {
     Object.assign(material.uniforms.uStep.value, { x: 1.4 / target.width, y: 1.4 / height });
     material.uniforms.uNear.value = this.camera.near;
     material.uniforms.uFar.value = this.camera.far;
-    material.uniforms.uStrength.value = this.options.shading ? 45 : 0;
+    material.uniforms.uStrength.value = this.options.shading && !coarse ? 45 : 0;
     this.renderer.setRenderTarget(target);
     this.renderer.setClearColor(0x000000, 0);
     this.renderer.render(this.scene, this.camera);

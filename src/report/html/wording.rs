@@ -3,6 +3,9 @@
 use super::super::poses::{Document, Verdict};
 use crate::scan::DeclineReason;
 
+/// Below this chance of being right the best fit says nothing but that there is none.
+const UNLIKELY: f64 = 0.1;
+
 /// One sentence or two that say how many scans were placed, in how many models, and how many were
 /// left out.
 pub fn headline(document: &Document) -> String {
@@ -50,15 +53,22 @@ pub(super) fn plain(reason: &DeclineReason) -> String {
             "It hardly matches any other scan: of {matches} points that looked alike, {inliers} agreed on \
              one position, and {needed} are needed. It probably shows another place, or overlaps too little."
         ),
-        DeclineReason::WeakEvidence { support, needed } => format!(
-            "Its best fit is too doubtful: right with a chance of {}, where {} is needed. {} points agreed on \
-             that position, {} on the next best one, and {} of its surface touches the rest.",
-            percent(support.probability.unwrap_or(0.0)),
-            percent(*needed),
-            support.inliers,
-            support.runner_up,
-            percent(support.overlap),
-        ),
+        DeclineReason::WeakEvidence { support, needed } => {
+            let chance = support.probability.unwrap_or(0.0);
+            let verdict = match chance {
+                c if c < UNLIKELY => "It probably shows another place, or overlaps too little",
+                _ => "Its best fit is too doubtful",
+            };
+            format!(
+                "{verdict}: its best position is right with a chance of {}, where {} is needed. {} points \
+                 agreed on that position, {} on the next best one, and {} of its surface touches the rest.",
+                percent(chance),
+                percent(*needed),
+                support.inliers,
+                support.runner_up,
+                percent(support.overlap),
+            )
+        }
         DeclineReason::Pruned { inliers, median_distance_m } => format!(
             "All its fits with single scans were too poor to keep: the best one, with {inliers} points in \
              agreement, leaves the surfaces {:.1} cm apart.",
@@ -76,8 +86,8 @@ pub(super) fn plain(reason: &DeclineReason) -> String {
 /// A share in whole percent; a small one is not rounded to nothing.
 fn percent(share: f64) -> String {
     match 100.0 * share {
-        p if p > 0.0 && p < 1.0 => "below 1 %".to_owned(),
-        p => format!("{p:.0} %"),
+        p if p > 0.0 && p < 1.0 => "below 1\u{a0}%".to_owned(),
+        p => format!("{p:.0}\u{a0}%"),
     }
 }
 
@@ -136,7 +146,7 @@ mod tests {
             ),
             (
                 DeclineReason::WeakEvidence { support, needed: 0.5 },
-                vec!["31 %", "50 %", "14 points", "12 on", "below 1 %"],
+                vec!["too doubtful", "31\u{a0}%", "50\u{a0}%", "14 points", "12 on", "below 1\u{a0}%"],
             ),
             (DeclineReason::Pruned { inliers: 9, median_distance_m: 0.123 }, vec!["9 points", "12.3 cm"]),
             (DeclineReason::TooFewKeypoints { keypoints: 1, needed: 3 }, vec!["1 places", "3 are"]),
