@@ -36,7 +36,7 @@ use std::path::{Path, PathBuf};
 const ROUNDS: usize = 8;
 /// Scans of every other scene that are compared with the scene.
 const STRANGERS: usize = 2;
-const PREDICTORS: usize = 8;
+const PREDICTORS: usize = 9;
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -134,10 +134,9 @@ fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Fai
     let config = Config::default();
     let similarity = similarity_of(&features, &config.retrieval, None, 0, &Silent)?.0;
     let radius_m = scene.lengths.inlier_radius_m;
-    let points = config.registration.evidence.points_per_scan;
     let models: Vec<ScanModel<'_>> =
-        surfaces.par_iter().map(|s| ScanModel::new(s, radius_m as f32, points)).collect();
-    let assessor = Assessor { models: &models, config: &config.registration, radius_m };
+        surfaces.par_iter().map(|s| ScanModel::new(s, radius_m as f32, &config.registration)).collect();
+    let assessor = Assessor { models: &models, config: &config.registration, radius_m, sight_trusted: true };
     let usable: Vec<ScanId> = (0..inputs.len()).map(ScanId).collect();
     let pairs = most_similar_pairs(&similarity, &usable, config.registration.assembly.neighbours);
     let pairs = PairRegistration::new(&inputs, &assessor, 0).register(&pairs, &Silent)?;
@@ -165,7 +164,7 @@ fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Fai
                 let label =
                     if related { judge(&assessment, assembly.centre(b), radius_m) } else { Some(false) };
                 if let (Some(right), true) = (label, assessment.support.inliers >= 3) {
-                    examples.push(Example { x: predictors(&assessment.support), right });
+                    examples.push(Example { x: predictors(&assessment.support, true), right });
                 }
             }
         }

@@ -2,12 +2,13 @@
 
 use scanweave::config::Config;
 use scanweave::evaluation::pose_error::PoseError;
-use scanweave::geometry::RigidMotion;
+use scanweave::geometry::{Point, RigidMotion};
 use scanweave::pipeline::{self, Described, FeatureSource, Stopwatch};
 use scanweave::registration::assembly::Assembly;
-use scanweave::registration::assessment::Assessor;
+use scanweave::registration::assessment::{Assessment, Assessor};
 use scanweave::registration::incremental::ScanInput;
-use scanweave::registration::pairs::{PairRegistration, most_similar_pairs};
+use scanweave::registration::matching::Matches;
+use scanweave::registration::pairs::{PairRegistration, ScanPair, most_similar_pairs};
 use scanweave::registration::scan_model::ScanModel;
 use scanweave::scan::{Reconstruction, Scan, ScanId, SimilarityMatrix};
 use scanweave::synthetic::{SynthConfig, generate};
@@ -128,10 +129,10 @@ fn with_assembly<T>(
         .map(|(features, surface)| ScanInput { features, surface })
         .collect();
     let radius_m = described.scale.inlier_radius_m;
-    let models: Vec<ScanModel<'_>> =
-        inputs.iter().map(|i| ScanModel::new(i.surface, radius_m as f32, 400)).collect();
     let config = &places.config.registration;
-    let assessor = Assessor { models: &models, config, radius_m };
+    let models: Vec<ScanModel<'_>> =
+        inputs.iter().map(|i| ScanModel::new(i.surface, radius_m as f32, config)).collect();
+    let assessor = Assessor { models: &models, config, radius_m, sight_trusted: true };
     let n = inputs.len();
     let all: Vec<ScanId> = (0..n).map(ScanId).collect();
     let flat = SimilarityMatrix::new(n, vec![0.5; n * n]).unwrap();
@@ -213,4 +214,56 @@ fn a_cancelled_assembly_says_where_it_stopped() {
     let clock = &mut Stopwatch::default();
     let stopped = pipeline::register_described(&places.described, &similarity, &places.config, &Stop, clock);
     assert!(stopped.unwrap_err().to_string().starts_with("interrupted during registration"));
+}
+
+#[test]
+fn a_trial_refutes_a_rival_with_more_matches_that_nothing_makes_fit() {
+    let places = two_places();
+    with_assembly(|assessor, mut pairs| {
+        let half = places.first / 2;
+        // One pair links the halves, by twelve right matches; more agree on a pose 1.2 m off, as in two
+        // rooms furnished alike.
+        let crossing = |p: &ScanPair| p.i.0 < half && p.j.0 >= half;
+        let best = |p: &&ScanPair| p.hypotheses.first().map_or(0, |h| h.support.inliers);
+        let mut link = pairs.iter().filter(|p| crossing(p)).max_by_key(best).unwrap().clone();
+        let right = link.hypotheses[0];
+        let wrong = RigidMotion::translation(1.0, 0.6, 0.3) * right.a_from_b;
+        let moved = |motion: &RigidMotion, p: &Point| (motion * p.cast::<f64>()).cast::<f32>();
+        let m = &link.matches;
+        let near = |&k: &usize| (moved(&right.a_from_b, &m.source[k]) - m.target[k]).norm() < 0.05;
+        let kept: Vec<usize> = (0..m.source.len()).filter(near).step_by(15).take(12).collect();
+        assert_eq!(kept.len(), 12);
+        let decoys: Vec<Point> =
+            places.described.features[link.j.0].keypoints.iter().step_by(16).take(90).copied().collect();
+        let mut matches = Matches::default();
+        matches.source = kept.iter().map(|&k| m.source[k]).chain(decoys.iter().copied()).collect();
+        matches.target =
+            kept.iter().map(|&k| m.target[k]).chain(decoys.iter().map(|p| moved(&wrong, p))).collect();
+        matches.pairs = vec![(0, 0); matches.source.len()];
+        matches.scores = vec![0.0; matches.source.len()];
+        link.matches = matches;
+        link.hypotheses = vec![Assessment { a_from_b: wrong, ..right }, right];
+        pairs.retain(|p| !crossing(p));
+        pairs.push(link);
+        // Errors add up inside the second half, so that the right pose does not fit well either.
+        let bent = |k: usize| {
+            let k = (k - half) as f64;
+            RigidMotion::new([0.07 * k, -0.05 * k, 0.06 * k].into(), [0.0, 0.0, 0.02 * k].into())
+        };
+        let a = (0..half).map(|k| (ScanId(k), places.world_from_scan[k])).collect();
+        let b = (half..places.first).map(|k| (ScanId(k), bent(k) * places.world_from_scan[k])).collect();
+        let mut assembly = Assembly::of_groups(assessor, vec![a, b]);
+        assembly.add_pairs(pairs);
+        let at_once = assembly.best_join(&Silent).unwrap().unwrap();
+        assert!(at_once.probability() < 0.6, "{}", assembly.describe(&at_once));
+        assert!(assembly.join_by_trial(&Silent).unwrap());
+        let finished = assembly.finish();
+        assert_eq!(finished.len(), 1);
+        let members = &finished[0].0.members;
+        let frame = members[0].1 * places.world_from_scan[members[0].0.0].inverse();
+        for (scan, pose) in members {
+            let error = PoseError::between(pose, &(frame * places.world_from_scan[scan.0]));
+            assert!(error.translation_m < 0.1 && error.rotation_deg < 2.0, "{scan} {error:?}");
+        }
+    });
 }

@@ -92,7 +92,7 @@ fn a_suite_goes_on_where_it_stopped_and_parts_make_the_whole() {
     assert_eq!(cell["poses"]["scans"].as_array().unwrap().len(), 4);
     assert!(cell["timings"].as_array().unwrap().iter().any(|t| t["stage"] == "registration"));
 
-    // Killed in between: some cells are missing, one is damaged, one is of other settings.
+    // Some cells are missing, one is damaged, one is of other settings.
     for cell in cells.iter().step_by(2) {
         std::fs::remove_file(whole.join("cells").join(cell)).unwrap();
     }
@@ -107,6 +107,28 @@ fn a_suite_goes_on_where_it_stopped_and_parts_make_the_whole() {
         CELLS / 2 - 2
     )));
     assert_eq!(figures(&whole), expected);
+
+    // Killed outright again and again, wherever it happens to be, it goes on and ends the same.
+    let killed = place.path().join("killed");
+    let done = || if killed.join("cells").is_dir() { names(&killed.join("cells")).len() } else { 0 };
+    for wanted in [1, 4, 9] {
+        let mut run = std::process::Command::new(assert_cmd::cargo::cargo_bin("scanweave"))
+            .args(["benchmark", "-q", "--threads", "2", "--suite"])
+            .arg(suite(place.path()))
+            .arg("-o")
+            .arg(&killed)
+            .spawn()
+            .unwrap();
+        while done() < wanted && run.try_wait().unwrap().is_none() {
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        run.kill().unwrap();
+        run.wait().unwrap();
+        assert!(done() >= wanted, "{} cells when it was killed", done());
+    }
+    assert!(done() < CELLS, "killed too late to show anything");
+    benchmark(place.path(), "killed", &["--threads", "2"]).success();
+    assert_eq!(figures(&killed), expected);
 
     // In three parts, one of them named by a scheduler, the cells of different jobs in parallel.
     benchmark(place.path(), "a", &["-q", "--shard", "0/3"]).success().stdout("");

@@ -5,6 +5,7 @@
 
 pub mod averaging;
 pub mod fit;
+pub mod nearest_map;
 pub mod neighbours;
 pub mod overlap;
 pub mod rigid;

@@ -1,6 +1,6 @@
 //! Nearest and fixed-radius neighbours of 3-D points.
 
-use super::Point;
+use super::{Point, RigidMotion};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use std::collections::HashMap;
 use std::num::NonZero;
@@ -142,6 +142,17 @@ impl<'a> RadiusGrid<'a> {
     /// The radius of every query, metres.
     pub fn radius_m(&self) -> f32 {
         self.radius_m
+    }
+
+    /// Whether nothing of `other`, moved by `self_from_other`, can be within this grid's radius of a
+    /// point: their boxes' spheres do not meet.
+    pub fn apart_from(&self, other: &RadiusGrid<'_>, self_from_other: &RigidMotion) -> bool {
+        let sphere = |g: &RadiusGrid<'_>| {
+            let (low, high) = (g.reach.0.cast::<f64>(), g.reach.1.cast::<f64>());
+            (nalgebra::center(&low, &high), (high - low).norm() / 2.0)
+        };
+        let ((here, one), (there, two)) = (sphere(self), sphere(other));
+        (here - self_from_other * there).norm() > one + two
     }
 
     /// Calls `visit(index, squared distance)` for every point within the radius.

@@ -24,6 +24,9 @@ pub fn two_way_overlap(a: &RadiusGrid<'_>, b: &RadiusGrid<'_>, a_from_b: &RigidM
     if a.points().is_empty() || b.points().is_empty() {
         return Overlap::default();
     }
+    if a.apart_from(b, a_from_b) {
+        return Overlap::default();
+    }
     let near = |points: &[Point], grid: &RadiusGrid<'_>, motion: &RigidMotion| {
         let mover = PointMover::new(motion);
         points

@@ -9,6 +9,7 @@ use crate::monitor::Monitor;
 use crate::registration::incremental::{Lengths, ScanInput};
 use crate::registration::joint::{JointScan, refine_jointly};
 use crate::registration::pairwise::{MIN_INLIERS, Pairwise};
+use crate::registration::scan_model::ScanModel;
 use crate::scan::{
     DeclineReason, Outcome, PairKey, PairRegistration, PoseEdge, PoseGraph, Reconstruction, ScanId,
     SimilarityMatrix,
@@ -212,9 +213,15 @@ fn finish(
         members.sort_by_key(|m| m.0);
         let mut poses: Vec<(ScanId, RigidMotion)> = members.into_iter().map(|m| (m.1, m.2)).collect();
         if config.registration.joint.enabled {
+            let radius_m = lengths.inlier_radius_m as f32;
+            let models: Vec<ScanModel<'_>> = poses
+                .par_iter()
+                .map(|(scan, _)| ScanModel::new(inputs[scan.0].surface, radius_m, &config.registration))
+                .collect();
             let scans: Vec<JointScan<'_>> = poses
                 .iter()
-                .map(|(scan, pose)| JointScan { surface: inputs[scan.0].surface, world_from_scan: *pose })
+                .zip(&models)
+                .map(|((_, pose), model)| JointScan { model, world_from_scan: *pose })
                 .collect();
             let refined =
                 refine_jointly(&scans, &config.registration.joint, lengths.inlier_radius_m, monitor)?;

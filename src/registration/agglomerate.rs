@@ -40,16 +40,19 @@ pub(super) fn register(
         scans.iter().map(|s| evidence::unusable(s, MIN_KEYPOINTS, lengths.voxel_m)).collect();
     let usable: Vec<ScanId> = (0..scans.len()).filter(|&i| refusals[i].is_none()).map(ScanId).collect();
     let radius_m = lengths.inlier_radius_m;
-    let models: Vec<ScanModel<'_>> = scans
-        .par_iter()
-        .map(|s| ScanModel::new(s.surface, radius_m as f32, config.evidence.points_per_scan))
-        .collect();
-    let assessor = Assessor { models: &models, config, radius_m };
-    let pairwise = PairRegistration::new(scans, &assessor, seed);
-
-    let mut assembly = Assembly::new(&assessor, &usable);
+    let models: Vec<ScanModel<'_>> =
+        scans.par_iter().map(|s| ScanModel::new(s.surface, radius_m as f32, config)).collect();
+    let mut assessor = Assessor { models: &models, config, radius_m, sight_trusted: false };
     let retrieved = most_similar_pairs(similarity, &usable, config.assembly.neighbours);
-    assembly.add_pairs(pairwise.register(&retrieved, monitor)?);
+    let mut pairs = PairRegistration::new(scans, &assessor, seed).register(&retrieved, monitor)?;
+    let surest = pairs.iter().filter_map(|p| Some(&p.hypotheses.first()?.support));
+    assessor.sight_trusted = evidence::sight_is_trustworthy(surest, &config.evidence.weights);
+    tracing::debug!("viewpoints are believed: {}", assessor.sight_trusted);
+    pairs.iter_mut().for_each(|pair| pair.reassess(&assessor));
+
+    let pairwise = PairRegistration::new(scans, &assessor, seed);
+    let mut assembly = Assembly::new(&assessor, &usable);
+    assembly.add_pairs(pairs);
     join_all(&mut assembly, config, monitor)?;
     if config.assembly.second_look {
         let unseen = assembly.unseen_pairs();
@@ -65,7 +68,7 @@ pub(super) fn register(
         assembly.refine_all(monitor)?;
     }
     let components = assembly.finish();
-    Ok(conclude(scans, components, &mut refusals, config, radius_m as f32))
+    Ok(conclude(scans, components, &mut refusals, &assessor))
 }
 
 /// Makes joins, the most certain first, until none is certain enough.
@@ -88,13 +91,13 @@ fn conclude(
     scans: &[ScanInput<'_>],
     mut components: Vec<(Component, Vec<Support>)>,
     refusals: &mut [Option<DeclineReason>],
-    config: &RegistrationConfig,
-    radius_m: f32,
+    assessor: &Assessor<'_>,
 ) -> Reconstruction {
+    let Assessor { models, config, radius_m, .. } = *assessor;
     let lowest = |c: &Component| c.members.iter().map(|m| m.0).min();
     components.sort_by_key(|(c, _)| (std::cmp::Reverse(c.members.len()), lowest(c)));
     let grids: Vec<RadiusGrid<'_>> =
-        scans.par_iter().map(|s| RadiusGrid::new(&s.features.keypoints, radius_m)).collect();
+        scans.par_iter().map(|s| RadiusGrid::new(&s.features.keypoints, radius_m as f32)).collect();
     for (component, supports) in components.iter().filter(|(c, _)| c.members.len() == 1) {
         let (alone, support) = (component.members[0].0, supports[0]);
         refusals[alone.0] = evidence::refusal(&support, &config.evidence);
@@ -113,7 +116,7 @@ fn conclude(
         let order = tree_order(component);
         let neighbours: Vec<_> = (0..component.members.len())
             .into_par_iter()
-            .map(|m| neighbours_of(&component.members, m, &grids))
+            .map(|m| neighbours_of(&component.members, m, &grids, models))
             .collect();
         for (m, neighbours) in neighbours.into_iter().enumerate() {
             let (scan, world_from_scan) = component.members[m];
@@ -127,7 +130,7 @@ fn conclude(
                 parent,
                 matches: support.matches,
                 inliers: support.inliers,
-                residual_m: support.plane_residual * f64::from(radius_m),
+                residual_m: support.plane_residual * radius_m,
                 support: Some(support),
                 neighbours,
             });

@@ -3,6 +3,7 @@
 
 mod refinement;
 mod review;
+mod trial;
 
 use super::assessment::{Assessment, Assessor, centre_of};
 use super::config::RegistrationConfig;
@@ -19,9 +20,9 @@ use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Clusters of pairwise hypotheses of two components that are assessed.
-const CLUSTERS: usize = 4;
+const CLUSTERS: usize = 8;
 /// Pairs of components that are assessed at a time.
-const BATCH: usize = 4;
+const BATCH: usize = 2;
 
 /// A link that joined two components.
 #[derive(Debug, Clone, Copy)]
@@ -57,8 +58,15 @@ struct Link {
     proposals: Vec<(RigidMotion, usize)>,
     /// How probable the best proposal is if pairs were independent witnesses.
     promise: f64,
-    /// Evidence for the best proposal, once it was measured.
-    assessed: Option<(Assessment, usize)>,
+    /// Evidence for proposals, most probable first, and the pair that speaks for each; once measured.
+    assessed: Option<Vec<(Assessment, usize)>>,
+}
+
+impl Link {
+    /// The most probable proposal, where it was measured.
+    fn best(&self) -> Option<(Assessment, usize)> {
+        self.assessed.as_ref()?.first().copied()
+    }
 }
 
 /// State of the registration.
@@ -68,6 +76,8 @@ pub struct Assembly<'a> {
     components: BTreeMap<ComponentId, Component>,
     links: BTreeMap<(ComponentId, ComponentId), Link>,
     next: ComponentId,
+    /// Links whose trials failed, with the scans and pairs that they had.
+    tried: BTreeSet<(ComponentId, ComponentId, usize, usize)>,
 }
 
 /// A join that may be made.
@@ -96,7 +106,7 @@ impl<'a> Assembly<'a> {
         };
         let components = scans.iter().map(|s| (s.0, alone(s))).collect();
         let next = scans.iter().map(|s| s.0 + 1).max().unwrap_or(0);
-        Self { assessor, pairs: Vec::new(), components, links: BTreeMap::new(), next }
+        Self { assessor, pairs: Vec::new(), components, links: BTreeMap::new(), next, tried: BTreeSet::new() }
     }
 
     /// Components of scans at given poses, for measuring how evidence relates to truth.
@@ -208,11 +218,12 @@ impl<'a> Assembly<'a> {
         if let ([only], 1, 1) = (link.pairs.as_slice(), ca.members.len(), cb.members.len()) {
             // Two scans alone: the evidence between them is what their registration found.
             let pair = &self.pairs[*only];
-            link.assessed = pair.hypotheses.first().map(|h| {
-                let i_in_a = of(ca, pair.i).is_some();
+            let i_in_a = of(ca, pair.i).is_some();
+            let turned = pair.hypotheses.iter().map(|h| {
                 let a_from_b = if i_in_a { h.a_from_b } else { h.a_from_b.inverse() };
                 (Assessment { a_from_b, ..*h }, *only)
             });
+            link.assessed = Some(turned.collect());
         }
         link
     }
@@ -254,16 +265,18 @@ impl<'a> Assembly<'a> {
         self.assessor.assess(&ga, &gb, &motions, &matches)
     }
 
-    /// The most probable proposal of a link, and the pair of scans that it came from.
-    fn assess(&self, key: (ComponentId, ComponentId), link: &Link) -> Option<(Assessment, usize)> {
-        let best = self.assess_all(key, link).into_iter().next()?;
-        // The proposal it came from: the nearest one.
-        let centre = centre_of(&self.posed(&self.components[&key.1].members));
-        let distance = |m: &RigidMotion| {
-            (m * centre - best.a_from_b * centre).norm() + m.rotation.angle_to(&best.a_from_b.rotation)
+    /// The proposals of a link, most probable first, each with the pair of scans that it came from.
+    fn assess(&self, key: (ComponentId, ComponentId), link: &Link) -> Vec<(Assessment, usize)> {
+        let centre = self.centre(key.1);
+        let origin = |found: Assessment| {
+            // The proposal it came from: the nearest one.
+            let distance = |m: &RigidMotion| {
+                (m * centre - found.a_from_b * centre).norm() + m.rotation.angle_to(&found.a_from_b.rotation)
+            };
+            let from = link.proposals.iter().min_by(|x, y| distance(&x.0).total_cmp(&distance(&y.0)))?;
+            Some((found, from.1))
         };
-        let from = link.proposals.iter().min_by(|x, y| distance(&x.0).total_cmp(&distance(&y.0)))?;
-        Some((best, from.1))
+        self.assess_all(key, link).into_iter().filter_map(origin).collect()
     }
 
     /// The best-supported join: links are looked at in the order of their promise until one is
@@ -277,18 +290,17 @@ impl<'a> Assembly<'a> {
         let mut best: Option<Proposal> = None;
         for batch in order.chunks(BATCH) {
             monitor.check("registration")?;
-            let assessed: Vec<Option<(Assessment, usize)>> = batch
+            let assessed: Vec<Option<Vec<(Assessment, usize)>>> = batch
                 .par_iter()
                 .map(|key| {
                     let link = &self.links[key];
-                    link.assessed.or_else(|| self.assess(*key, link))
+                    link.assessed.is_none().then(|| self.assess(*key, link))
                 })
                 .collect();
             for (&(a, b), found) in batch.iter().zip(assessed) {
-                if let Some(link) = self.links.get_mut(&(a, b)) {
-                    link.assessed = found;
-                }
-                let Some((assessment, pair)) = found else { continue };
+                let Some(link) = self.links.get_mut(&(a, b)) else { continue };
+                link.assessed = found.or(link.assessed.take());
+                let Some((assessment, pair)) = link.best() else { continue };
                 let proposal = Proposal { a, b, assessment, pair };
                 if best.is_none_or(|old| proposal.probability() > old.probability()) {
                     best = Some(proposal);

@@ -5,11 +5,17 @@ use super::estimate::same_motion;
 use super::estimate::scoring::Correspondences;
 use super::evidence;
 use super::scan_model::ScanModel;
-use super::surface_fit::{Posed, align, surface_fit};
+use super::surface_fit::{Posed, SurfaceFit, align, surface_fit};
 use crate::geometry::RigidMotion;
 use crate::geometry::fit::fit_rigid;
 use crate::scan::Support;
 use nalgebra::Point3;
+
+/// A proposal is worth a look at the surfaces when it has one in so many of the inliers of the best.
+pub(super) const RIVAL: usize = 8;
+
+/// Probability at most where only matches could tell and do not.
+const UNDECIDED: f64 = 0.5;
 
 /// A possible relative pose, with what speaks for it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,6 +41,8 @@ pub struct Assessor<'a> {
     pub config: &'a RegistrationConfig,
     /// τ, metres.
     pub radius_m: f64,
+    /// Whether viewpoints are believed: [`evidence::sight_is_trustworthy`].
+    pub sight_trusted: bool,
 }
 
 impl Assessor<'_> {
@@ -51,19 +59,30 @@ impl Assessor<'_> {
         matches: &Correspondences,
     ) -> Vec<Assessment> {
         let centre = centre_of(b);
-        let mut distinct: Vec<(RigidMotion, Vec<usize>)> = Vec::new();
+        // Motion, inliers, and whether its evidence is worth measuring; the rest are rivals only.
+        let mut distinct: Vec<(RigidMotion, Vec<usize>, bool)> = Vec::new();
+        let mut most = 0;
         for proposal in proposals {
-            let motion = self.fit_matches(a, b, proposal, matches);
-            let motion = align(a, b, &motion, self.config.evidence.align_rounds, self.align_stride(a, b));
-            if !distinct.iter().any(|(other, _)| same_motion(other, &motion, &centre, self.radius_m)) {
-                distinct.push((motion, matches.inliers(&motion, self.radius_m)));
+            let fitted = self.fit_matches(a, b, proposal, matches);
+            let inliers = matches.count(&fitted, self.radius_m);
+            let worthwhile =
+                inliers * RIVAL >= most && (most == 0 || !self.is_hopeless(a, b, &fitted, matches));
+            most = most.max(inliers);
+            let motion = if worthwhile {
+                align(a, b, &fitted, self.config.evidence.align_rounds, self.align_stride(a, b))
+            } else {
+                fitted
+            };
+            if !distinct.iter().any(|other| same_motion(&other.0, &motion, &centre, self.radius_m)) {
+                distinct.push((motion, matches.inliers(&motion, self.radius_m), worthwhile));
             }
         }
         distinct.sort_by_key(|d| std::cmp::Reverse(d.1.len()));
-        let considered = distinct.len().min(self.config.evidence.hypotheses);
-        let mut assessed: Vec<Assessment> = (0..considered)
+        let considered = (0..distinct.len()).filter(|&h| distinct[h].2);
+        let mut assessed: Vec<Assessment> = considered
+            .take(if a.len().min(b.len()) > 1 { 2 } else { 1 } * self.config.evidence.hypotheses)
             .map(|h| {
-                let (a_from_b, inliers) = &distinct[h];
+                let (a_from_b, inliers, _) = &distinct[h];
                 let others = distinct.iter().enumerate().filter(|o| o.0 != h).map(|o| o.1.1.as_slice());
                 let runner_up = self.runner_up(matches, a_from_b, others);
                 self.measure(a, b, a_from_b, matches.len(), inliers.len(), runner_up)
@@ -72,6 +91,27 @@ impl Assessor<'_> {
         // A stable sort: what is equally probable keeps the order of inliers.
         assessed.sort_by(|x, y| y.probability().total_cmp(&x.probability()));
         assessed
+    }
+
+    /// Whether a glance at a few points of two scans shows that a proposal is not worth aligning.
+    fn is_hopeless(
+        &self,
+        a: &[Posed<'_>],
+        b: &[Posed<'_>],
+        proposal: &RigidMotion,
+        matches: &Correspondences,
+    ) -> bool {
+        /// Probability, without any rival, below which nothing is expected of the alignment.
+        const HOPELESS: f64 = 1e-3;
+        /// Every n-th of the points that the evidence is measured with.
+        const STRIDE: usize = 8;
+        // Between groups the proposal may be off by more than what it is measured by.
+        if a.len() + b.len() > 2 {
+            return false;
+        }
+        let inliers = matches.count(proposal, self.radius_m);
+        let glance = support_of(&surface_fit(a, b, proposal, STRIDE), matches.len(), inliers, 0);
+        evidence::probability(&glance, &self.config.evidence.weights, self.sight_trusted) < HOPELESS
     }
 
     /// Between groups, the closed-form fit to the matches near a proposal, narrowing down: what two
@@ -117,6 +157,16 @@ impl Assessor<'_> {
             .unwrap_or(0)
     }
 
+    /// Probability that a pose with this support is right; 0 with fewer inliers than are needed, and
+    /// at most one half where nothing singles the pose out.
+    pub fn probability(&self, support: &Support) -> f64 {
+        if support.inliers < self.config.evidence.min_inliers {
+            return 0.0;
+        }
+        let p = evidence::probability(support, &self.config.evidence.weights, self.sight_trusted);
+        if evidence::is_undecided(support) { p.min(UNDECIDED) } else { p }
+    }
+
     /// The evidence for one motion, which is not changed.
     pub fn measure(
         &self,
@@ -127,27 +177,29 @@ impl Assessor<'_> {
         inliers: usize,
         runner_up: usize,
     ) -> Assessment {
-        let fit = surface_fit(a, b, a_from_b);
-        let mut support = Support {
-            matches,
-            inliers,
-            runner_up,
-            overlap: fit.overlap,
-            normal_agreement: fit.normal_agreement,
-            plane_residual: fit.plane_residual,
-            violation: fit.violation,
-            stiffness: fit.stiffness,
-            ..Support::default()
-        };
-        let sufficient = inliers >= self.config.evidence.min_inliers;
-        let probability = evidence::probability(&support, &self.config.evidence.weights);
-        support.probability = Some(if sufficient { probability } else { 0.0 });
+        let mut support = support_of(&surface_fit(a, b, a_from_b, 1), matches, inliers, runner_up);
+        support.probability = Some(self.probability(&support));
         Assessment { a_from_b: *a_from_b, support }
     }
 
     /// Large groups have points to spare: every n-th of their samples fixes six numbers as well.
     fn align_stride(&self, a: &[Posed<'_>], b: &[Posed<'_>]) -> usize {
         2 * a.len().min(b.len()).clamp(1, 4)
+    }
+}
+
+/// What matches and surfaces say of a pose together.
+fn support_of(fit: &SurfaceFit, matches: usize, inliers: usize, runner_up: usize) -> Support {
+    Support {
+        matches,
+        inliers,
+        runner_up,
+        overlap: fit.overlap,
+        normal_agreement: fit.normal_agreement,
+        plane_residual: fit.plane_residual,
+        violation: fit.violation,
+        stiffness: fit.stiffness,
+        ..Support::default()
     }
 }
 

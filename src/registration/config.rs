@@ -92,8 +92,8 @@ impl Default for AveragingConfig {
 /// Weights of the logistic model that turns the support of a pose into a probability.
 ///
 /// The defaults are the rounded mean of two fits by `examples/evidence_calibration.rs`, both of
-/// 2500 keypoints: published MiniSpinNet descriptors on four 3DMatch test scenes (11503 proposals;
-/// all but the kitchen) and FPFH on three of them (7598 proposals).
+/// 2500 keypoints: published MiniSpinNet descriptors on four 3DMatch test scenes (7035 proposals;
+/// all but the kitchen) and FPFH on three of them (4677 proposals).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct EvidenceWeights {
@@ -113,11 +113,13 @@ pub struct EvidenceWeights {
     pub violation: f64,
     /// Weight of the logarithm of the stiffness.
     pub stiffness: f64,
+    /// Weight of violations beyond a fifth, where viewpoints are believed.
+    pub contradiction: f64,
 }
 
 impl EvidenceWeights {
     /// The weights in the order of [`super::evidence::predictors`].
-    pub fn as_array(&self) -> [f64; 8] {
+    pub fn as_array(&self) -> [f64; 9] {
         [
             self.constant,
             self.ln_inliers,
@@ -127,15 +129,25 @@ impl EvidenceWeights {
             self.overlap,
             self.violation,
             self.stiffness,
+            self.contradiction,
         ]
     }
 }
 
 impl EvidenceWeights {
     /// Weights in the order of [`Self::as_array`].
-    pub fn from_array(w: [f64; 8]) -> Self {
-        let [constant, ln_inliers, ln_lead, normal_agreement, plane_residual, overlap, violation, stiffness] =
-            w;
+    pub fn from_array(w: [f64; 9]) -> Self {
+        let [
+            constant,
+            ln_inliers,
+            ln_lead,
+            normal_agreement,
+            plane_residual,
+            overlap,
+            violation,
+            stiffness,
+            contradiction,
+        ] = w;
         Self {
             constant,
             ln_inliers,
@@ -145,6 +157,7 @@ impl EvidenceWeights {
             overlap,
             violation,
             stiffness,
+            contradiction,
         }
     }
 }
@@ -152,14 +165,15 @@ impl EvidenceWeights {
 impl Default for EvidenceWeights {
     fn default() -> Self {
         Self {
-            constant: -13.0,
-            ln_inliers: 1.1,
-            ln_lead: 0.69,
-            normal_agreement: 5.0,
-            plane_residual: -7.3,
-            overlap: 0.21,
-            violation: -2.36,
-            stiffness: 0.67,
+            constant: -13.8,
+            ln_inliers: 1.27,
+            ln_lead: 0.6,
+            normal_agreement: 4.8,
+            plane_residual: -5.4,
+            overlap: 0.32,
+            violation: -2.5,
+            stiffness: 0.7,
+            contradiction: -12.0,
         }
     }
 }
@@ -197,7 +211,7 @@ impl Default for EvidenceConfig {
             hypotheses: 3,
             points_per_scan: 400,
             align_rounds: 6,
-            accept: 0.7,
+            accept: 0.6,
             confident: 0.95,
             weights: EvidenceWeights::default(),
         }

@@ -99,11 +99,8 @@ impl<'a> Growth<'a> {
             }
         }
         let grids = scans.par_iter().map(|s| RadiusGrid::new(&s.features.keypoints, radius_m)).collect();
-        let checked = if config.checks_surfaces() { scans } else { &[] };
-        let models = checked
-            .par_iter()
-            .map(|s| ScanModel::new(s.surface, radius_m, config.evidence.points_per_scan))
-            .collect();
+        let checked = if config.checks_surfaces() || config.joint.enabled { scans } else { &[] };
+        let models = checked.par_iter().map(|s| ScanModel::new(s.surface, radius_m, config)).collect();
         let columns = scans.par_iter().map(|s| Columns::new(&s.features.descriptors)).collect();
         Self {
             scans,
@@ -236,14 +233,14 @@ impl<'a> Growth<'a> {
         }
         let pose = &hypothesis.target_from_source;
         let alone = Posed { model: &self.models[scan.0], group_from_scan: RigidMotion::identity() };
-        let fit = surface_fit(placed, &[alone], pose);
+        let fit = surface_fit(placed, &[alone], pose, 1);
         support.overlap = fit.overlap;
         support.normal_agreement = fit.normal_agreement;
         support.plane_residual = fit.plane_residual;
         support.violation = fit.violation;
         support.stiffness = fit.stiffness;
         if self.config.evidence.surfaces {
-            support.probability = Some(evidence::probability(&support, &self.config.evidence.weights));
+            support.probability = Some(evidence::probability(&support, &self.config.evidence.weights, false));
         }
         support
     }
@@ -321,7 +318,7 @@ impl<'a> Growth<'a> {
         let scans: Vec<JointScan<'_>> = self
             .members
             .iter()
-            .map(|m| JointScan { surface: self.scans[m.scan.0].surface, world_from_scan: m.world_from_scan })
+            .map(|m| JointScan { model: &self.models[m.scan.0], world_from_scan: m.world_from_scan })
             .collect();
         let refined = refine_jointly(&scans, &self.config.joint, f64::from(self.radius_m), monitor)?;
         let mut new_from_old: BTreeMap<ScanId, RigidMotion> = BTreeMap::new();

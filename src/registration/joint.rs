@@ -6,23 +6,24 @@
 //! one after another, so small errors add up along the way; this step spreads them.
 
 use super::config::JointConfig;
+use super::scan_model::ScanModel;
 use crate::error::Result;
-use crate::geometry::neighbours::RadiusGrid;
-use crate::geometry::overlap::two_way_overlap;
 use crate::geometry::rigid::PointMover;
+use crate::geometry::sparse::BlockMatrix;
 use crate::geometry::{Direction, Point, RigidMotion};
 use crate::monitor::Monitor;
 use crate::scan::Surface;
-use nalgebra::{
-    DMatrix, DVector, Isometry3, Matrix3, Matrix3x6, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6,
-};
+use nalgebra::{Isometry3, Matrix3, Matrix3x6, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 use rayon::prelude::*;
 
+/// Steps shorter than this many radii are the last.
+const SETTLED: f64 = 2e-3;
+
 /// One scan of the component.
-#[derive(Debug, Clone, Copy)]
+#[derive(Clone, Copy)]
 pub struct JointScan<'a> {
     /// Its thinned surface with normals.
-    pub surface: &'a Surface,
+    pub model: &'a ScanModel<'a>,
     /// Its pose.
     pub world_from_scan: RigidMotion,
 }
@@ -44,20 +45,17 @@ pub fn refine_jointly(
     if scans.len() < 2 {
         return Ok(poses);
     }
-    let samples: Vec<Sample> = scans.iter().map(|s| Sample::new(s.surface, config.points_per_scan)).collect();
+    let samples: Vec<Sample> =
+        scans.iter().map(|s| Sample::new(s.model.surface, config.points_per_scan)).collect();
     for factor in &config.radii {
         let radius = factor * radius_m;
-        let grids: Vec<RadiusGrid<'_>> =
-            scans.par_iter().map(|s| RadiusGrid::new(&s.surface.points, radius as f32)).collect();
-        let pairs = overlapping_pairs(&samples, &poses, config.min_overlap, radius_m as f32);
+        let pairs = overlapping_pairs(&samples, scans, &poses, config.min_overlap, radius_m as f32);
         for _ in 0..config.rounds {
             monitor.check("joint refinement")?;
-            let terms: Vec<PairTerm> = pairs
-                .par_iter()
-                .map(|&(i, j)| pair_term(i, j, &samples, scans, &grids, &poses, radius))
-                .collect();
+            let terms: Vec<PairTerm> =
+                pairs.par_iter().map(|&(i, j)| pair_term(i, j, &samples, scans, &poses, radius)).collect();
             let Some(largest_step) = gauss_newton_step(&pairs, &terms, &mut poses, radius_m) else { break };
-            if largest_step < 1e-4 * radius_m {
+            if largest_step < SETTLED * radius_m {
                 break;
             }
         }
@@ -132,22 +130,36 @@ impl Sample {
     }
 }
 
-/// Pairs (i < j) whose samples overlap by at least `min_overlap` within `radius_m`.
+/// Pairs (i < j) of which at least `min_overlap` of either's points, taken together, lie within
+/// `radius_m` of the other's surface.
 fn overlapping_pairs(
     samples: &[Sample],
+    scans: &[JointScan<'_>],
     poses: &[RigidMotion],
     min_overlap: f64,
     radius_m: f32,
 ) -> Vec<(usize, usize)> {
-    // Samples are sparser than the surface: their spacing must not count as a gap.
-    let grids: Vec<RadiusGrid<'_>> =
-        samples.par_iter().map(|s| RadiusGrid::new(&s.points, 2.0 * radius_m)).collect();
-    let all: Vec<(usize, usize)> =
-        (0..samples.len()).flat_map(|i| (i + 1..samples.len()).map(move |j| (i, j))).collect();
-    all.into_par_iter()
+    /// Points of a scan that are looked at.
+    const PROBES: usize = 200;
+    let near = |from: usize, to: usize| {
+        let mover = PointMover::new(&(poses[to].inverse() * poses[from]));
+        let points = &samples[from].points;
+        let step = points.len().div_ceil(PROBES).max(1);
+        let probes = points.iter().step_by(step);
+        let count = probes.len();
+        (probes.filter(|p| scans[to].model.near(&mover.point(p), radius_m).is_some()).count(), count)
+    };
+    (0..scans.len())
+        .into_par_iter()
+        .flat_map_iter(|i| (i + 1..scans.len()).map(move |j| (i, j)))
         .filter(|&(i, j)| {
-            let i_from_j = poses[i].inverse() * poses[j];
-            two_way_overlap(&grids[i], &grids[j], &i_from_j).ratio >= min_overlap
+            let (a, b) = (scans[i].model, scans[j].model);
+            let apart = (poses[i] * a.centre.cast::<f64>() - poses[j] * b.centre.cast::<f64>()).norm();
+            if apart > f64::from(a.reach_m + b.reach_m + radius_m) {
+                return false;
+            }
+            let ((of_i, all_i), (of_j, all_j)) = (near(i, j), near(j, i));
+            of_i + of_j > 0 && (of_i + of_j) as f64 >= min_overlap * (all_i + all_j) as f64
         })
         .collect()
 }
@@ -167,7 +179,6 @@ fn pair_term(
     j: usize,
     samples: &[Sample],
     scans: &[JointScan<'_>],
-    grids: &[RadiusGrid<'_>],
     poses: &[RigidMotion],
     radius_m: f64,
 ) -> PairTerm {
@@ -176,15 +187,15 @@ fn pair_term(
     for (from, to, sign) in [(i, j, 1.0), (j, i, -1.0)] {
         let to_from_from = poses[to].inverse() * poses[from];
         let mover = PointMover::new(&to_from_from);
-        let surface = scans[to].surface;
+        let model = scans[to].model;
         for (p, normal) in samples[from].points.iter().zip(&samples[from].normals) {
             let moved = mover.point(p);
-            let Some((k, _)) = grids[to].nearest(&moved) else { continue };
-            let n = surface.normals[k];
+            let Some(k) = model.near(&moved, radius_m as f32) else { continue };
+            let n = model.surface.normals[k];
             if mover.direction(normal).dot(&n) < MIN_NORMAL_COSINE {
                 continue;
             }
-            let r = f64::from(n.dot(&(moved - surface.points[k])));
+            let r = f64::from(n.dot(&(moved - model.surface.points[k])));
             let w = (1.0 - (r / radius_m).powi(2)).max(0.0).powi(2); // Tukey's biweight
             let x = poses[to] * moved.cast::<f64>();
             let n = poses[to].rotation * n.cast::<f64>();
@@ -208,36 +219,28 @@ fn gauss_newton_step(
     poses: &mut [RigidMotion],
     radius_m: f64,
 ) -> Option<f64> {
-    let unknowns = 6 * (poses.len() - 1);
-    let mut matrix = DMatrix::<f64>::zeros(unknowns, unknowns);
-    let mut right = DVector::<f64>::zeros(unknowns);
+    let mut matrix = BlockMatrix::<6>::zeros(poses.len() - 1);
+    let mut right = vec![Vector6::zeros(); poses.len() - 1];
     for (&(i, j), term) in pairs.iter().zip(terms) {
         // Scan 0 is held: its rows and columns are left out.
         for (scan, sign) in [(i, 1.0), (j, -1.0)] {
             if scan > 0 {
-                let at = 6 * (scan - 1);
-                let mut block = matrix.fixed_view_mut::<6, 6>(at, at);
-                block += &term.information;
-                let mut part = right.fixed_rows_mut::<6>(at);
-                part -= term.gradient * sign;
+                matrix.add(scan - 1, scan - 1, &term.information);
+                right[scan - 1] -= term.gradient * sign;
             }
         }
         if i > 0 {
-            let (a, b) = (6 * (i - 1), 6 * (j - 1));
-            let mut block = matrix.fixed_view_mut::<6, 6>(a, b);
-            block -= &term.information;
-            let mut block = matrix.fixed_view_mut::<6, 6>(b, a);
-            block -= &term.information;
+            matrix.add(j - 1, i - 1, &-term.information);
         }
     }
     // A floor on the diagonal keeps directions that nothing holds where they are.
-    for d in 0..unknowns {
-        matrix[(d, d)] += 1e-6 * matrix[(d, d)] + 1e-3;
+    for row in 0..right.len() {
+        let floor = matrix.diagonal(row).diagonal().map(|v| 1e-6 * v + 1e-3);
+        matrix.add(row, row, &Matrix6::from_diagonal(&floor));
     }
-    let step = matrix.cholesky()?.solve(&right);
+    let steps = matrix.solve(&right)?;
     let mut longest = 0.0f64;
-    for (k, pose) in poses.iter_mut().enumerate().skip(1) {
-        let delta = step.fixed_rows::<6>(6 * (k - 1));
+    for (pose, delta) in poses.iter_mut().skip(1).zip(steps) {
         let turn = UnitQuaternion::from_scaled_axis(Vector3::new(delta[0], delta[1], delta[2]));
         let shift = Translation3::new(delta[3], delta[4], delta[5]);
         let moved = Isometry3::from_parts(shift, turn) * *pose;
@@ -256,6 +259,11 @@ mod tests {
     use super::*;
     use crate::geometry::rigid::{rotation_error_rad, translation_error_m};
     use crate::monitor::Silent;
+    use crate::registration::config::RegistrationConfig;
+
+    fn model(surface: &Surface) -> ScanModel<'_> {
+        ScanModel::new(surface, 0.07, &RegistrationConfig::default())
+    }
 
     /// Three mutually perpendicular walls, 2 m wide, sampled every 2.5 cm, in a scan's own frame.
     fn corner(scan_from_world: &RigidMotion) -> Surface {
@@ -297,10 +305,11 @@ mod tests {
             };
             RigidMotion::new(Vector3::new(0.03, -0.02, 0.025) * s, Vector3::new(0.01, -0.015, 0.01) * s)
         };
-        let scans: Vec<JointScan<'_>> = surfaces
+        let models: Vec<ScanModel<'_>> = surfaces.iter().map(model).collect();
+        let scans: Vec<JointScan<'_>> = models
             .iter()
             .enumerate()
-            .map(|(k, surface)| JointScan { surface, world_from_scan: nudge(k) * truth[k] })
+            .map(|(k, model)| JointScan { model, world_from_scan: nudge(k) * truth[k] })
             .collect();
         let refined = refine_jointly(&scans, &JointConfig::default(), 0.07, &Silent).unwrap();
         assert_eq!(refined[0], truth[0]);
@@ -362,10 +371,11 @@ mod tests {
             normals: vec![Direction::z(); 6400],
             ..Surface::default()
         };
+        let flat = model(&flat);
         let start = RigidMotion::translation(0.1, 0.0, 0.03);
         let scans = [
-            JointScan { surface: &flat, world_from_scan: RigidMotion::identity() },
-            JointScan { surface: &flat, world_from_scan: start },
+            JointScan { model: &flat, world_from_scan: RigidMotion::identity() },
+            JointScan { model: &flat, world_from_scan: start },
         ];
         let refined = refine_jointly(&scans, &JointConfig::default(), 0.07, &Silent).unwrap();
         assert!(refined[1].translation.vector.z.abs() < 1e-4);

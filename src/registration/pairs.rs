@@ -27,6 +27,16 @@ pub struct ScanPair {
     pub hypotheses: Vec<Assessment>,
 }
 
+impl ScanPair {
+    /// Puts the hypotheses in the order of what the assessor makes of their evidence.
+    pub fn reassess(&mut self, assessor: &Assessor<'_>) {
+        for h in &mut self.hypotheses {
+            h.support.probability = Some(assessor.probability(&h.support));
+        }
+        self.hypotheses.sort_by(|x, y| y.probability().total_cmp(&x.probability()));
+    }
+}
+
 /// Pairs worth comparing: every scan with the `neighbours` most similar to it; ordered.
 pub fn most_similar_pairs(
     similarity: &SimilarityMatrix,

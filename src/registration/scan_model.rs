@@ -1,16 +1,19 @@
 //! What the engine keeps of a scan to compare its surface with others': an index, a thin
 //! sample, a bounding sphere, and how far it saw in every direction.
 
-use crate::geometry::neighbours::RadiusGrid;
-use crate::geometry::{Direction, Point};
+use super::config::RegistrationConfig;
+use crate::geometry::nearest_map::NearestMap;
+use crate::geometry::rigid::PointMover;
+use crate::geometry::{Direction, Point, RigidMotion};
 use crate::scan::Surface;
+use std::sync::OnceLock;
 
 /// A scan's surface prepared for comparison, all in its own frame.
 pub struct ScanModel<'a> {
     /// Points and normals.
     pub surface: &'a Surface,
-    /// Index of the points with the radius that surfaces are compared at.
-    pub grid: RadiusGrid<'a>,
+    /// τ, the radius that surfaces are compared at, metres.
+    pub radius_m: f32,
     /// Rows of the surface that are compared: evenly strided among those with a normal.
     pub sample: Vec<u32>,
     /// Centre of the bounding sphere of surface and viewpoint.
@@ -19,11 +22,25 @@ pub struct ScanModel<'a> {
     pub reach_m: f32,
     /// How far the scan saw.
     pub sight: Sight,
+    /// What is near, for radii up to τ.
+    fine: NearestMap,
+    /// What is near for larger radii; made when first asked for.
+    coarse: OnceLock<NearestMap>,
+    /// The largest radius that will be asked for, metres.
+    widest_m: f32,
 }
 
 impl<'a> ScanModel<'a> {
-    /// Prepares a surface for comparisons within `radius_m` of at most `points` of its points.
-    pub fn new(surface: &'a Surface, radius_m: f32, points: usize) -> Self {
+    /// Prepares a surface for comparisons within `radius_m` (τ, metres), of as many points as the
+    /// settings say.
+    pub fn new(surface: &'a Surface, radius_m: f32, config: &RegistrationConfig) -> Self {
+        let widest = config.joint.radii.iter().fold(1.0, |w: f64, &r| w.max(r)) as f32;
+        Self::with_sizes(surface, radius_m, config.evidence.points_per_scan, widest * radius_m)
+    }
+
+    /// Prepares a surface for comparisons of at most `points` of its points within `radius_m`, and of
+    /// places within `widest_m`.
+    pub(super) fn with_sizes(surface: &'a Surface, radius_m: f32, points: usize, widest_m: f32) -> Self {
         let usable: Vec<u32> = (0..surface.len() as u32)
             .filter(|&i| surface.normals[i as usize] != Direction::zeros())
             .collect();
@@ -37,12 +54,37 @@ impl<'a> ScanModel<'a> {
         let reach_m = if surface.is_empty() { 0.0 } else { reach_m.fold(0.0, f32::max) };
         Self {
             surface,
-            grid: RadiusGrid::new(&surface.points, radius_m),
+            radius_m,
             sample,
             centre,
             reach_m,
             sight: Sight::new(surface),
+            fine: NearestMap::new(&surface.points, radius_m),
+            coarse: OnceLock::new(),
+            widest_m,
         }
+    }
+
+    /// Whether any of a few points of the other scan's surface lies within τ of this one's.
+    pub fn meets(&self, other: &ScanModel<'_>, self_from_other: &RigidMotion) -> bool {
+        /// Every n-th of the compared points.
+        const STRIDE: usize = 4;
+        let mover = PointMover::new(self_from_other);
+        let points = other.sample.iter().step_by(STRIDE).map(|&i| &other.surface.points[i as usize]);
+        points.into_iter().any(|p| self.near(&mover.point(p), self.radius_m).is_some())
+    }
+
+    /// A point of the surface within `radius_m` of a place in the scan's frame, and (up to a voxel of
+    /// the map, a third of its radius) the nearest one.
+    #[inline]
+    pub fn near(&self, place: &Point, radius_m: f32) -> Option<usize> {
+        let map = if radius_m <= self.radius_m {
+            &self.fine
+        } else {
+            self.coarse.get_or_init(|| NearestMap::new(&self.surface.points, self.widest_m))
+        };
+        let found = map.near(place)?;
+        ((self.surface.points[found] - place).norm_squared() <= radius_m * radius_m).then_some(found)
     }
 }
 
@@ -110,7 +152,7 @@ mod tests {
     #[test]
     fn what_lies_between_the_viewpoint_and_the_wall_is_in_front_by_that_much() {
         let wall = wall();
-        let model = ScanModel::new(&wall, 0.07, 100);
+        let model = ScanModel::with_sizes(&wall, 0.07, 100, 0.14);
         assert_eq!(model.sample.len(), 100);
         let at = |x: f32, y: f32| model.sight.in_front_m(&Point::new(x, y, 0.0));
         // A bin is 3° wide: the nearest of its wall points is nearer by at most 3°·tan(0) of it.

@@ -6,14 +6,18 @@
 //! 1991), and how much of either side lies in space that the other saw to be empty.
 
 use super::scan_model::ScanModel;
-use crate::geometry::RigidMotion;
 use crate::geometry::rigid::PointMover;
+use crate::geometry::{Point, RigidMotion};
 use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
 
 /// Normals within this agree: cosine of 45°.
 const AGREEING: f32 = std::f32::consts::FRAC_1_SQRT_2;
 /// Points further in front of a seen surface than this many radii contradict it.
 const MARGIN: f32 = 3.0;
+/// A step of the alignment that moves nothing by more than this many radii is the last.
+const SETTLED: f64 = 0.02;
+/// Two scans are compared only where every n-th point shows that they meet.
+const GLANCE: usize = 8;
 
 /// A scan at a pose in the frame of its group.
 #[derive(Clone, Copy)]
@@ -49,28 +53,43 @@ struct Sums {
     agreeing: usize,
     violating: usize,
     squared: f64,
-    /// Σ w h hᵀ and Σ w r h of a left perturbation of group b, h = [x×n; n].
-    information: Matrix6<f64>,
+    /// Σ w h hᵀ, lower part by columns, and Σ w r h of a left perturbation of group b, h = [x×n; n].
+    information: [f64; 21],
     gradient: Vector6<f64>,
-    /// Σ h hᵀ, Σ x and Σ |x|² over agreeing points, for the stiffness.
-    plain: Matrix6<f64>,
+    /// Whether w is Tukey's weight of the residual r, to align by, or 1, for the stiffness.
+    weighted: bool,
+    /// Σ x and Σ |x|² over agreeing points, for the stiffness.
     sum: Vector3<f64>,
     square: f64,
 }
 
 impl Sums {
-    fn new() -> Self {
+    fn new(weighted: bool) -> Self {
         Self {
             touching: [0; 2],
             agreeing: 0,
             violating: 0,
             squared: 0.0,
-            information: Matrix6::zeros(),
+            information: [0.0; 21],
             gradient: Vector6::zeros(),
-            plain: Matrix6::zeros(),
+            weighted,
             sum: Vector3::zeros(),
             square: 0.0,
         }
+    }
+
+    /// Σ w h hᵀ.
+    fn information(&self) -> Matrix6<f64> {
+        let mut full = Matrix6::zeros();
+        let mut at = 0;
+        for c in 0..6 {
+            for r in c..6 {
+                full[(r, c)] = self.information[at];
+                full[(c, r)] = self.information[at];
+                at += 1;
+            }
+        }
+        full
     }
 }
 
@@ -84,13 +103,16 @@ enum Touch {
 }
 
 /// Measures group `b` moved by `a_from_b` against group `a`, within the radius of the models' grids.
-pub fn surface_fit(a: &[Posed<'_>], b: &[Posed<'_>], a_from_b: &RigidMotion) -> SurfaceFit {
-    let sums = pass(a, b, a_from_b, 1, None);
+///
+/// Every `stride`-th sampled point is looked at.
+pub fn surface_fit(a: &[Posed<'_>], b: &[Posed<'_>], a_from_b: &RigidMotion, stride: usize) -> SurfaceFit {
+    let sums = pass(a, b, a_from_b, stride, None);
     let Some(first) = a.first().or(b.first()) else { return SurfaceFit::default() };
-    let radius_m = f64::from(first.model.grid.radius_m());
+    let radius_m = f64::from(first.model.radius_m);
     let touching = (sums.touching[0] + sums.touching[1]) as f64;
-    let per_scan =
-        |group: &[Posed<'_>]| group.iter().map(|p| p.model.sample.len()).max().unwrap_or(0).max(1) as f64;
+    let per_scan = |group: &[Posed<'_>]| {
+        group.iter().map(|p| p.model.sample.len().div_ceil(stride)).max().unwrap_or(0).max(1) as f64
+    };
     SurfaceFit {
         overlap: (sums.touching[0] as f64 / per_scan(a)).min(sums.touching[1] as f64 / per_scan(b)),
         normal_agreement: sums.agreeing as f64 / touching.max(1.0),
@@ -112,26 +134,41 @@ pub fn align(
     let mut current = *a_from_b;
     // Small steps do not bring scans together that were apart: who touches is found once.
     let mut touching = Vec::new();
+    if b.is_empty() {
+        return current;
+    }
     for _ in 0..rounds {
         let sums = pass(a, b, &current, stride, Some(&mut touching));
         if sums.agreeing < 20 {
             break;
         }
-        let mut damped = sums.information;
+        let mut damped = sums.information();
         // Directions that nothing holds stay: light damping relative to the strongest one.
-        let floor = 1e-4 * sums.information.diagonal().max();
+        let floor = 1e-4 * damped.diagonal().max();
         for d in 0..6 {
             damped[(d, d)] += floor;
         }
         let Some(step) = damped.cholesky().map(|c| c.solve(&-sums.gradient)) else { break };
         let turn = UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2]));
         let shift = Translation3::new(step[3], step[4], step[5]);
-        current = Isometry3::from_parts(shift, turn) * current;
-        if step.norm() < 1e-4 {
+        let step = Isometry3::from_parts(shift, turn);
+        let moved = farthest_move(b, &current, &step);
+        current = step * current;
+        if moved < SETTLED * f64::from(b[0].model.radius_m) {
             break;
         }
     }
     current
+}
+
+/// How far a step takes the spheres around the scans of a group at most, metres.
+fn farthest_move(b: &[Posed<'_>], a_from_b: &RigidMotion, step: &RigidMotion) -> f64 {
+    let turn = step.rotation.angle();
+    let of = |scan: &Posed<'_>| {
+        let centre = a_from_b * (scan.group_from_scan * scan.model.centre.cast::<f64>());
+        (step * centre - centre).norm() + turn * f64::from(scan.model.reach_m)
+    };
+    b.iter().map(of).fold(0.0, f64::max)
 }
 
 /// Who is compared with whom: side, place of the scan in its group, place in the other group.
@@ -146,7 +183,7 @@ fn pass(
     stride: usize,
     mut contacts: Option<&mut Vec<Contact>>,
 ) -> Sums {
-    let mut sums = Sums::new();
+    let mut sums = Sums::new(contacts.is_some());
     let known = contacts.as_deref().filter(|c| !c.is_empty()).cloned();
     let identity = RigidMotion::identity();
     // Points of a on b's surfaces, then the other way round; world is the frame of a.
@@ -194,16 +231,23 @@ impl<'a> Touches<'a> {
         let other_from_scan = world_from_other.inverse() * self.world_from_scan;
         let centre = other_from_scan * model.centre.cast::<f64>();
         let apart = (centre - other.centre.cast::<f64>()).norm();
-        let radius_m = other.grid.radius_m();
+        let radius_m = other.radius_m;
         // What a scan saw lies within its sphere, and so does the space that it saw through.
         if apart > f64::from(model.reach_m + other.reach_m + radius_m) {
             return false;
         }
         let mover = PointMover::new(&other_from_scan);
+        let meets = |row: &usize| {
+            let moved = mover.point(&model.surface.points[*row]);
+            other.near(&moved, radius_m).is_some() || (judge_sight && contradicts(other, &moved))
+        };
+        if !self.rows.iter().step_by(GLANCE).any(meets) {
+            return false;
+        }
         let mut touched = false;
         for ((&row, touch), violated) in self.rows.iter().zip(&mut self.touches).zip(&mut self.violated) {
             let moved = mover.point(&model.surface.points[row]);
-            if let Some((near, _)) = other.grid.nearest(&moved) {
+            if let Some(near) = other.near(&moved, radius_m) {
                 touched = true;
                 let n = other.surface.normals[near];
                 let off = n.dot(&(moved - other.surface.points[near]));
@@ -217,18 +261,24 @@ impl<'a> Touches<'a> {
                     *touch = Touch::Agreeing { off, world, normal };
                 }
             } else if judge_sight && !*violated {
-                *violated = other.sight.in_front_m(&moved).is_some_and(|m| m > MARGIN * radius_m);
+                *violated = contradicts(other, &moved);
             }
         }
         touched
     }
 
     fn add_to(&self, sums: &mut Sums, side: usize) {
-        let radius_m = f64::from(self.model.grid.radius_m());
+        let radius_m = f64::from(self.model.radius_m);
         for (touch, &violated) in self.touches.iter().zip(&self.violated) {
             add(sums, side, touch, violated, radius_m);
         }
     }
+}
+
+/// Whether a place in a scan's frame lies in space that the scan saw to be empty.
+#[inline]
+fn contradicts(other: &ScanModel<'_>, place: &Point) -> bool {
+    other.sight.in_front_m(place).is_some_and(|m| m > MARGIN * other.radius_m)
 }
 
 fn add(sums: &mut Sums, side: usize, touch: &Touch, violated: bool, radius_m: f64) {
@@ -242,14 +292,19 @@ fn add(sums: &mut Sums, side: usize, touch: &Touch, violated: bool, radius_m: f6
             sums.squared += r * r;
             let m = world.coords.cross(&normal);
             let h = Vector6::new(m.x, m.y, m.z, normal.x, normal.y, normal.z);
-            let outer = h * h.transpose();
-            let w = (1.0 - (r / radius_m).powi(2)).max(0.0).powi(2); // Tukey's biweight
-            sums.information += outer * w;
+            let w = if sums.weighted { (1.0 - (r / radius_m).powi(2)).max(0.0).powi(2) } else { 1.0 };
+            let mut at = 0;
+            for c in 0..6 {
+                let wh = w * h[c];
+                for r in c..6 {
+                    sums.information[at] += wh * h[r];
+                    at += 1;
+                }
+            }
             // The residual n·(x − y) grows with a motion of x: b's points move along h, and
             // where a's points lie on b's planes the planes move instead.
             let sign = if side == 1 { 1.0 } else { -1.0 };
             sums.gradient += h * (sign * w * r);
-            sums.plain += outer;
             sums.sum += world.coords;
             sums.square += world.coords.norm_squared();
         }
@@ -270,7 +325,7 @@ fn stiffness(sums: &Sums) -> f64 {
     }
     let mut m = Matrix6::identity();
     m.fixed_view_mut::<3, 3>(0, 3).copy_from(&-c.cross_matrix());
-    let mut h = m * sums.plain * m.transpose() / n;
+    let mut h = m * sums.information() * m.transpose() / n;
     let scale = Matrix6::from_diagonal(&Vector6::new(1.0, 1.0, 1.0, spread, spread, spread)) / spread;
     h = scale * h * scale;
     h.symmetric_eigenvalues().min().max(0.0)
@@ -279,8 +334,8 @@ fn stiffness(sums: &Sums) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Direction;
     use crate::geometry::rigid::{rotation_error_rad, translation_error_m};
-    use crate::geometry::{Direction, Point};
     use crate::scan::Surface;
     use approx::assert_relative_eq;
 
@@ -307,9 +362,10 @@ mod tests {
     }
 
     fn between(a: &Surface, b: &Surface, a_from_b: &RigidMotion) -> SurfaceFit {
-        let (a, b) = (ScanModel::new(a, 0.07, 10_000), ScanModel::new(b, 0.07, 10_000));
+        let (a, b) =
+            (ScanModel::with_sizes(a, 0.07, 10_000, 0.14), ScanModel::with_sizes(b, 0.07, 10_000, 0.14));
         let posed = |model| Posed { model, group_from_scan: RigidMotion::identity() };
-        surface_fit(&[posed(&a)], &[posed(&b)], a_from_b)
+        surface_fit(&[posed(&a)], &[posed(&b)], a_from_b, 1)
     }
 
     #[test]
@@ -358,7 +414,8 @@ mod tests {
         let mover = PointMover::new(&truth.inverse());
         other.points = mover.points(&other.points);
         other.normals = other.normals.iter().map(|n| mover.direction(n)).collect();
-        let (a, b) = (ScanModel::new(&one, 0.07, 500), ScanModel::new(&other, 0.07, 500));
+        let (a, b) =
+            (ScanModel::with_sizes(&one, 0.07, 500, 0.14), ScanModel::with_sizes(&other, 0.07, 500, 0.14));
         let posed = |model| Posed { model, group_from_scan: RigidMotion::identity() };
         let off = RigidMotion::new(Vector3::new(0.03, -0.02, 0.025), Vector3::new(0.01, -0.015, 0.01));
         for (from, to, exact) in [(&a, &b, truth), (&b, &a, truth.inverse())] {

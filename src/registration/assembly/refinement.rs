@@ -3,7 +3,8 @@
 use super::super::config::JointConfig;
 use super::super::estimate::scoring::Correspondences;
 use super::super::joint::{JointScan, MatchedPair, close_loops, refine_jointly};
-use super::{Assembly, Component, ComponentId, Proposal};
+use super::super::pairs::ScanPair;
+use super::{Assembly, Component, ComponentId};
 use crate::error::Result;
 use crate::geometry::{Point, RigidMotion};
 use crate::monitor::Monitor;
@@ -37,7 +38,7 @@ impl Assembly<'_> {
     }
 
     /// The joint refinement as it is made while components still grow.
-    fn coarse(&self) -> JointConfig {
+    pub(super) fn coarse(&self) -> JointConfig {
         let joint = &self.config().joint;
         JointConfig {
             points_per_scan: (joint.points_per_scan / 4).max(1),
@@ -64,23 +65,25 @@ impl Assembly<'_> {
     fn refine(&mut self, id: ComponentId, config: &JointConfig, monitor: &dyn Monitor) -> Result<()> {
         let Some(component) = self.components.get(&id) else { return Ok(()) };
         let mut component = component.clone();
-        self.refine_component(&mut component, config, monitor)?;
+        self.refine_component(&mut component, &BTreeSet::new(), config, monitor)?;
         self.components.insert(id, component);
         // Relative poses changed: what pairs say of links did too.
         self.replace_links(&[id], id);
         Ok(())
     }
 
-    fn refine_component(
+    /// Refines the poses of a component, of which `newcomers` stand where a trial puts them.
+    pub(super) fn refine_component(
         &self,
         component: &mut Component,
+        newcomers: &BTreeSet<ScanId>,
         config: &JointConfig,
         monitor: &dyn Monitor,
     ) -> Result<()> {
         let models = self.assessor.models;
         let poses: Vec<RigidMotion> = component.members.iter().map(|m| m.1).collect();
         let poses = if config.close_loops {
-            close_loops(&poses, &self.matched_pairs(component), self.assessor.radius_m)
+            close_loops(&poses, &self.matched_pairs(component, newcomers), self.assessor.radius_m)
         } else {
             poses
         };
@@ -88,7 +91,7 @@ impl Assembly<'_> {
             .members
             .iter()
             .zip(poses)
-            .map(|(m, world_from_scan)| JointScan { surface: models[m.0.0].surface, world_from_scan })
+            .map(|(m, world_from_scan)| JointScan { model: &models[m.0.0], world_from_scan })
             .collect();
         let refined = refine_jointly(&scans, config, self.assessor.radius_m, monitor)?;
         for (member, pose) in component.members.iter_mut().zip(refined) {
@@ -98,86 +101,57 @@ impl Assembly<'_> {
         Ok(())
     }
 
-    /// What the registered pairs within a component say of their relative poses.
-    fn matched_pairs(&self, component: &Component) -> Vec<MatchedPair> {
-        /// Points of a pair at most.
-        const POINTS: usize = 40;
+    /// What the registered pairs within a component say of their relative poses; pairs that
+    /// contradict these by far more than what adds up along the way say nothing.
+    fn matched_pairs(&self, component: &Component, newcomers: &BTreeSet<ScanId>) -> Vec<MatchedPair> {
         let place: BTreeMap<ScanId, usize> =
             component.members.iter().enumerate().map(|(m, member)| (member.0, m)).collect();
         self.pairs
             .par_iter()
             .filter_map(|pair| {
-                let best = pair.hypotheses.first().filter(|h| h.probability() >= 0.5)?;
                 let (&i, &j) = (place.get(&pair.i)?, place.get(&pair.j)?);
-                let m = &pair.matches;
-                let inliers = Correspondences::new(&m.source, &m.target)
-                    .inliers(&best.a_from_b, self.assessor.radius_m);
-                let step = inliers.len().div_ceil(POINTS).max(1);
-                let points: Vec<(Point, Point)> =
-                    inliers.iter().step_by(step).map(|&k| (m.target[k], m.source[k])).collect();
+                let i_from_j = component.members[i].1.inverse() * component.members[j].1;
+                let on_trial = newcomers.contains(&pair.i) != newcomers.contains(&pair.j);
+                let (points, weight) = self.matched_points(pair, &i_from_j, on_trial)?;
                 let (scans, points) = if i < j {
                     ((i, j), points)
                 } else {
                     ((j, i), points.into_iter().map(|(p, q)| (q, p)).collect())
                 };
-                Some(MatchedPair { scans, points, weight: best.probability() })
+                Some(MatchedPair { scans, points, weight })
             })
             .collect()
     }
 
-    /// A join that fails only because errors added up inside the components: the most promising
-    /// ones are tried out, all poses refined, and judged by how the two sides then sit on each
-    /// other. Makes the best one that suffices; `false` when none does.
-    ///
-    /// # Errors
-    /// Only when the monitor is cancelled.
-    pub fn join_by_trial(&mut self, monitor: &dyn Monitor) -> Result<bool> {
-        /// Links that are tried.
-        const TRIALS: usize = 6;
-        let mut order: Vec<(ComponentId, ComponentId)> = self.links.keys().copied().collect();
-        let known =
-            |k: &(ComponentId, ComponentId)| self.links[k].assessed.map_or(0.0, |a| a.0.probability());
-        order.retain(|k| {
-            known(k) >= 0.01 && self.components[&k.0].members.len() + self.components[&k.1].members.len() > 2
-        });
-        order.sort_by(|x, y| known(y).total_cmp(&known(x)).then(x.cmp(y)));
-        order.truncate(TRIALS);
-        let coarse = self.coarse();
-        let mut best: Option<(f64, Proposal, Component)> = None;
-        for key in order {
-            let Some((assessment, pair)) = self.links[&key].assessed else { continue };
-            let proposal = Proposal { a: key.0, b: key.1, assessment, pair };
-            let (ca, cb) = (&self.components[&key.0], &self.components[&key.1]);
-            let Some(mut joined) = self.joined(ca, cb, &proposal) else { continue };
-            self.refine_component(&mut joined, &coarse, monitor)?;
-            let side = |c: &Component| -> Vec<(ScanId, RigidMotion)> {
-                let of: BTreeSet<ScanId> = c.members.iter().map(|m| m.0).collect();
-                joined.members.iter().copied().filter(|m| of.contains(&m.0)).collect()
-            };
-            let (a, b) = (side(ca), side(cb));
-            let poses = |m: &[(ScanId, RigidMotion)]| m.iter().copied().collect::<BTreeMap<_, _>>();
-            let matches = self.matches_between(&self.links[&key].pairs, &poses(&a), &poses(&b));
-            let inliers = matches.count(&RigidMotion::identity(), self.assessor.radius_m);
-            let judged = self.assessor.measure(
-                &self.posed(&a),
-                &self.posed(&b),
-                &RigidMotion::identity(),
-                matches.len(),
-                inliers,
-                assessment.support.runner_up,
-            );
-            tracing::debug!("trial {}: then {:?}", self.describe(&proposal), judged.support);
-            let probability = judged.probability();
-            if probability >= self.config().evidence.accept && best.as_ref().is_none_or(|b| probability > b.0)
-            {
-                if let Some(last) = joined.joins.last_mut() {
-                    last.support = judged.support;
-                }
-                best = Some((probability, proposal, joined));
-            }
-        }
-        let Some((_, proposal, joined)) = best else { return Ok(false) };
-        self.replace(&[proposal.a, proposal.b], joined);
-        Ok(true)
+    /// Inlier matches of the most probable hypothesis of a pair, or while the two are `on_trial` of
+    /// that probable one which is nearest to their relative pose, as points of i and of j; and its
+    /// probability.
+    fn matched_points(
+        &self,
+        pair: &ScanPair,
+        i_from_j: &RigidMotion,
+        on_trial: bool,
+    ) -> Option<(Vec<(Point, Point)>, f64)> {
+        /// Points of a pair at most.
+        const POINTS: usize = 40;
+        /// Distance between a pair's points in radii, root mean square, beyond which it is wrong.
+        const FAR: f64 = 15.0;
+        let m = &pair.matches;
+        let probable = pair.hypotheses.iter().filter(|h| h.probability() >= 0.5);
+        let (apart, points, probability) = probable
+            .take(if on_trial { usize::MAX } else { 1 })
+            .map(|h| {
+                let all = Correspondences::new(&m.source, &m.target);
+                let inliers = all.inliers(&h.a_from_b, self.assessor.radius_m);
+                let step = inliers.len().div_ceil(POINTS).max(1);
+                let points: Vec<(Point, Point)> =
+                    inliers.iter().step_by(step).map(|&k| (m.target[k], m.source[k])).collect();
+                let apart =
+                    |(p, q): &(Point, Point)| (p.cast::<f64>() - i_from_j * q.cast::<f64>()).norm_squared();
+                let mean = points.iter().map(apart).sum::<f64>() / points.len().max(1) as f64;
+                (mean, points, h.probability())
+            })
+            .min_by(|x, y| x.0.total_cmp(&y.0))?;
+        (apart <= (FAR * self.assessor.radius_m).powi(2)).then_some((points, probability))
     }
 }

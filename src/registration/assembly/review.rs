@@ -1,14 +1,17 @@
 //! A second look at placed scans with all that is known in the end.
 
-use super::super::assessment::Assessment;
+use super::super::assessment::{Assessment, RIVAL};
 use super::super::estimate::same_motion;
-use super::{Assembly, CLUSTERS, Component, ComponentId};
+use super::{Assembly, Component, ComponentId};
 use crate::error::Result;
 use crate::geometry::RigidMotion;
 use crate::monitor::Monitor;
 use crate::scan::{ScanId, Support};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+
+/// Other places for a scan that are looked at.
+const PLACES: usize = 4;
 
 impl Assembly<'_> {
     /// How a member sits among the others of its component as it is, and the best place there is
@@ -37,18 +40,19 @@ impl Assembly<'_> {
         }
         proposals.sort_by(|x, y| y.1.total_cmp(&x.1));
         let centre = self.assessor.models[scan.0].centre.cast::<f64>();
-        let same = |x: &RigidMotion, y: &RigidMotion| same_motion(x, y, &centre, self.assessor.radius_m);
+        let radius_m = self.assessor.radius_m;
+        let same = |x: &RigidMotion, y: &RigidMotion| same_motion(x, y, &centre, radius_m);
+        let here = matches.inliers(&pose, radius_m);
         let mut elsewhere: Vec<RigidMotion> = Vec::new();
         for (motion, _) in &proposals {
-            if elsewhere.len() < CLUSTERS
+            if elsewhere.len() < PLACES
                 && !same(motion, &pose)
                 && !elsewhere.iter().any(|m| same(m, motion))
+                && matches.count(motion, radius_m) * RIVAL >= here.len()
             {
                 elsewhere.push(*motion);
             }
         }
-        let radius_m = self.assessor.radius_m;
-        let here = matches.inliers(&pose, radius_m);
         let others: Vec<Assessment> = self
             .assessor
             .assess(&group, &single, &elsewhere, &matches)
@@ -139,7 +143,7 @@ impl Assembly<'_> {
     pub fn finish(self) -> Vec<(Component, Vec<Support>)> {
         let offered = |id: ComponentId| {
             let links = self.links.iter().filter(|(key, _)| key.0 == id || key.1 == id);
-            let best = links.filter_map(|(_, link)| link.assessed);
+            let best = links.filter_map(|(_, link)| link.best());
             best.max_by(|x, y| x.0.probability().total_cmp(&y.0.probability()))
                 .map_or_else(Support::default, |a| a.0.support)
         };

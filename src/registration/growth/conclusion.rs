@@ -17,8 +17,10 @@ impl Growth<'_> {
             .collect();
         for (component, members) in self.components.iter().enumerate() {
             let poses: Vec<_> = members.iter().map(|m| (m.scan, m.world_from_scan)).collect();
-            let neighbours: Vec<Vec<NeighbourEvidence>> =
-                (0..members.len()).into_par_iter().map(|m| neighbours_of(&poses, m, &self.grids)).collect();
+            let neighbours: Vec<Vec<NeighbourEvidence>> = (0..members.len())
+                .into_par_iter()
+                .map(|m| neighbours_of(&poses, m, &self.grids, &self.models))
+                .collect();
             for (step, (member, neighbours)) in members.iter().zip(neighbours).enumerate() {
                 let attempt = member.attempt.as_ref();
                 outcomes[member.scan.0] = Outcome::Placed(Placement {
