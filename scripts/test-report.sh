@@ -30,6 +30,10 @@ done
 export HOSTILE_NAMES='["a</script><img src=x onerror=window.hacked=1>", "b</script><img src=x onerror=window.hacked=1>",
     "\"'"'"'&quot; --><svg onload=window.hacked=2>\ufffdline", "bytes \ufffd\ufffd <!--data--><!--headline-->"]'
 
+# Two buildings: two models that have nothing to do with each other.
+"$scanweave" synth -q --seed 1 --scans 3 --rooms 1 --noise 0.3 -o "$REPORTS/else"
+"$scanweave" register -q "$REPORTS/more" "$REPORTS/else" -o "$REPORTS/two"
+
 cd tests/browser
 npm ci --silent --no-audit --no-fund --ignore-scripts
 node --test --test-reporter=spec report.test.mjs

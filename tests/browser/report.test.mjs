@@ -1,5 +1,6 @@
 // report.html in a real browser. Run by scripts/test-report.sh, which makes the reports:
-// REPORTS/plain has five scans of a room and one of elsewhere, REPORTS/hostile hostile names.
+// REPORTS/plain has five scans of a room and one of elsewhere, REPORTS/hostile hostile names,
+// REPORTS/two four scans of one room and three of another.
 import assert from 'node:assert/strict';
 import { join } from 'node:path';
 import { after, before, test } from 'node:test';
@@ -170,6 +171,25 @@ test('without WebGL the lists and tables remain', async () => {
   await page.locator('#scans li input').first().uncheck();
   assert.match(await page.locator('#shown').textContent(), /^4 scans shown/);
   await without.close();
+});
+
+test('models that found no join are shown one at a time', async () => {
+  const { page, problems } = await open(browser, join(reports, 'two/report.html'));
+  assert.match(await page.locator('h1').textContent(), /^All 7 scans placed, but in 2 separate models .*\(of 4 and 3 scans\)\.$/);
+  assert.match(await page.locator('#note').textContent(), /nothing to do with each other/);
+  assert.match(await page.locator('#shown').textContent(), /^4 scans shown/);
+  const first = await pixels(page);
+  const pick = page.getByLabel(/^Model/);
+  await pick.selectOption('1');
+  assert.match(await page.locator('#shown').textContent(), /^3 scans shown/);
+  assert.match(await page.locator('#step-text').textContent(), /^Step 2 of 2: /);
+  assert.ok(difference(first, await pixels(page)) > 0.05);
+  // A scan of the other model brings that model back.
+  await page.locator('#scans .name').first().click();
+  assert.equal(await pick.inputValue(), '0');
+  assert.match(await page.locator('#shown').textContent(), /^4 scans shown/);
+  assert.deepEqual(problems, []);
+  await page.close();
 });
 
 test('hostile names are shown as text and never run', async () => {
