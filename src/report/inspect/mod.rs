@@ -4,7 +4,7 @@ mod content;
 mod tensors;
 mod text;
 
-pub use content::{FeatureContent, FileSize, LeftOut, ResultContent, ScanContent};
+pub use content::{FeatureContent, FileSize, LeftOut, ResultContent, RunContent, ScanContent};
 pub use tensors::{CheckpointContent, TensorContent};
 pub use text::text;
 
