@@ -162,7 +162,7 @@ fn a_review_moves_a_scan_that_stands_in_the_wrong_place() {
         assert!(assembly.review(&Silent).unwrap() >= 1);
         let finished = assembly.finish();
         let pose = |scan: usize| {
-            let mut all = finished.iter().flat_map(|(c, _)| &c.members);
+            let mut all = finished.iter().flat_map(|f| &f.component.members);
             all.find(|m| m.0 == ScanId(scan)).unwrap().1
         };
         let truth = places.world_from_scan[wrong];
@@ -191,7 +191,7 @@ fn two_halves_join_at_the_true_relative_pose() {
         assembly.join(&join);
         let finished = assembly.finish();
         assert_eq!(finished.len(), 1);
-        let members = &finished[0].0.members;
+        let members = &finished[0].component.members;
         let frame = members[0].1 * places.world_from_scan[members[0].0.0].inverse();
         for (scan, pose) in members {
             let error = PoseError::between(pose, &(frame * places.world_from_scan[scan.0]));
@@ -259,7 +259,7 @@ fn a_trial_refutes_a_rival_with_more_matches_that_nothing_makes_fit() {
         assert!(assembly.join_by_trial(&Silent).unwrap());
         let finished = assembly.finish();
         assert_eq!(finished.len(), 1);
-        let members = &finished[0].0.members;
+        let members = &finished[0].component.members;
         let frame = members[0].1 * places.world_from_scan[members[0].0.0].inverse();
         for (scan, pose) in members {
             let error = PoseError::between(pose, &(frame * places.world_from_scan[scan.0]));

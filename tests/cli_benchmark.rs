@@ -82,7 +82,13 @@ fn a_suite_goes_on_where_it_stopped_and_parts_make_the_whole() {
         .stdout(contains("Recall by scene: made").and(contains("Relative pose errors")));
     let cells = names(&whole.join("cells"));
     assert_eq!(cells.len(), CELLS);
-    for file in ["cost.svg", "errors_150.svg", "recall_by_keypoints.svg", "recall_by_overlap_300.svg"] {
+    for file in [
+        "cost.svg",
+        "errors_150.svg",
+        "recall_by_keypoints.svg",
+        "recall_by_overlap_300.svg",
+        "reliability_300.svg",
+    ] {
         assert!(text(whole.join(file)).contains("<circle") || file.starts_with("errors"), "{file}");
     }
     let expected = figures(&whole);

@@ -3,7 +3,8 @@
 use super::cell::{Cell, CellKey};
 use super::plan::Plan;
 use super::suite::Suite;
-use super::table::{CauseRow, Cost, ErrorRow, RecallRow, Spread};
+use super::table::{CauseRow, Cost, ErrorRow, RecallRow, Spread, TrustRow};
+use super::trust::Reliability;
 use crate::evaluation::diagnosis::{Cause, PairFinding};
 use crate::evaluation::pose_error::ErrorDistribution;
 use crate::evaluation::recall::{RecallReport, RecallSummary};
@@ -106,6 +107,19 @@ impl<'a> Group<'a> {
             }
         };
         names.into_iter().map(row).collect()
+    }
+
+    /// Placed scans by their stated probability; `None` where none was stated or the truth is unknown.
+    pub fn trust(&self) -> Option<TrustRow> {
+        let scans = self.cells().filter_map(|c| c.diagnosis.as_ref()).flat_map(|d| &d.scans);
+        let judged =
+            scans.filter(|s| s.component.is_some()).filter_map(|s| Some((s.probability?, s.cause.is_none())));
+        Some(TrustRow {
+            dataset: self.dataset.to_owned(),
+            method: self.method.to_owned(),
+            keypoints: self.keypoints,
+            reliability: Reliability::new(judged)?,
+        })
     }
 
     fn declined(&self) -> f64 {

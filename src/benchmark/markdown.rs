@@ -1,6 +1,7 @@
 //! A table for people.
 
-use super::table::{CauseRow, Cost, ErrorRow, RecallRow, Spread, Table};
+use super::table::{CauseRow, Cost, ErrorRow, RecallRow, Spread, Table, TrustRow};
+use super::trust::BINS;
 use crate::evaluation::diagnosis::Cause;
 use crate::evaluation::pose_error::{ROTATION_THRESHOLDS_DEG, TRANSLATION_THRESHOLDS_M};
 use crate::report::grid::{heads, markdown as grid};
@@ -16,6 +17,7 @@ pub fn markdown(table: &Table) -> String {
     by_scene(&mut text, table);
     errors(&mut text, table);
     causes(&mut text, table);
+    trust(&mut text, table);
     text
 }
 
@@ -179,5 +181,34 @@ fn causes(text: &mut String, table: &Table) {
         row
     };
     text.push_str(&grid(&head, 2, &table.causes.iter().map(row).collect::<Vec<_>>()));
+    text.push('\n');
+}
+
+fn trust(text: &mut String, table: &Table) {
+    if table.trust.is_empty() {
+        return;
+    }
+    text.push_str(
+        "## Placed scans by their stated probability\n\nAll scenes and seeds; a scan is wrong when it went wrong \
+         itself. Calibration error: mean difference between stated probability and share of right \
+         ones, over ten bins. The other columns: scans stated between these percentages, and the \
+         percentage of them that is right.\n\n",
+    );
+    let mut head =
+        heads(&["data set", "method", "keypoints", "placed", "wrong", "wrong %", "calibration error %"]);
+    let bounds = (0..BINS).map(|b| (100 * b / BINS, 100 * (b + 1) / BINS));
+    head.extend(bounds.map(|(low, high)| format!("{low}–{high}")));
+    let row = |r: &TrustRow| {
+        let t = &r.reliability;
+        let mut row = vec![r.dataset.clone(), r.method.clone(), r.keypoints.to_string()];
+        row.extend([t.placed.to_string(), t.wrong.to_string()]);
+        row.extend([t.wrong_share(), t.calibration_error].map(|v| format!("{:.2}", 100.0 * v)));
+        row.extend(t.bins.iter().map(|b| match b.scans {
+            0 => "–".to_owned(),
+            n => format!("{n}: {}", percent(b.right)),
+        }));
+        row
+    };
+    text.push_str(&grid(&head, 2, &table.trust.iter().map(row).collect::<Vec<_>>()));
     text.push('\n');
 }

@@ -17,6 +17,7 @@ mod plots;
 pub mod run;
 pub mod suite;
 pub mod table;
+pub mod trust;
 
 pub use cell::{Cell, CellKey};
 pub use merge::merge;

@@ -23,6 +23,7 @@ pub(super) fn all(suite: &Suite, table: &Table, cells: &[Cell]) -> Vec<(String, 
         let here: Vec<&Cell> = cells.iter().filter(|c| c.key.keypoints == keypoints).collect();
         all.push((format!("recall_by_overlap_{keypoints}.svg"), by_overlap(suite, &here)));
         all.push((format!("errors_{keypoints}.svg"), distributions(suite, &here)));
+        all.push((format!("reliability_{keypoints}.svg"), reliability(table, keypoints)));
     }
     all.retain(|(_, panels)| panels.iter().any(|p| p.series.iter().any(|s| !s.points.is_empty())));
     all
@@ -71,6 +72,42 @@ fn by_keypoints(table: &Table) -> Vec<Panel> {
             y_label: "registration recall, %".to_owned(),
             x_names: counts.iter().map(usize::to_string).collect(),
             series: series.collect(),
+            y_most: 100.0,
+        }
+    };
+    names.into_iter().map(panel).collect()
+}
+
+/// Share of right scans against their stated probability, a panel for every data set; the diagonal
+/// is where both agree.
+fn reliability(table: &Table, keypoints: usize) -> Vec<Panel> {
+    let rows = || table.trust.iter().filter(|t| t.keypoints == keypoints);
+    let names: BTreeSet<&String> = rows().map(|t| &t.dataset).collect();
+    let panel = |dataset: &String| {
+        let of_method = rows().filter(|t| t.dataset == *dataset).map(|t| Series {
+            name: t.method.clone(),
+            points: t
+                .reliability
+                .bins
+                .iter()
+                .filter(|b| b.scans > 0)
+                .map(|b| (100.0 * b.stated, 100.0 * b.right))
+                .collect(),
+            line: true,
+            spread: Vec::new(),
+        });
+        let agreement = Series {
+            name: "as stated".to_owned(),
+            points: vec![(0.0, 0.0), (100.0, 100.0)],
+            line: true,
+            spread: Vec::new(),
+        };
+        Panel {
+            title: format!("placed scans: {dataset}"),
+            x_label: "stated probability, %".to_owned(),
+            y_label: "right, %".to_owned(),
+            x_names: Vec::new(),
+            series: of_method.chain([agreement]).collect(),
             y_most: 100.0,
         }
     };

@@ -5,6 +5,7 @@ use super::group::Group;
 use super::plan::Plan;
 use super::run::cells_folder;
 use super::suite::Suite;
+use super::trust::Reliability;
 use crate::error::Result;
 use crate::evaluation::pose_error::ErrorDistribution;
 use crate::evaluation::protocol::Protocol;
@@ -117,6 +118,19 @@ pub struct CauseRow {
     pub carried: f64,
 }
 
+/// How far stated probabilities can be believed, by one method with one number of keypoints.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TrustRow {
+    /// Data set.
+    pub dataset: String,
+    /// Method.
+    pub method: String,
+    /// Keypoints a scan.
+    pub keypoints: usize,
+    /// Stated probabilities against the truth.
+    pub reliability: Reliability,
+}
+
 /// Everything that was computed of a suite.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Table {
@@ -134,6 +148,8 @@ pub struct Table {
     pub errors: Vec<ErrorRow>,
     /// Why pairs failed.
     pub causes: Vec<CauseRow>,
+    /// Placed scans by their stated probability, of methods that state one.
+    pub trust: Vec<TrustRow>,
 }
 
 /// The cells of a plan that an output folder holds.
@@ -173,6 +189,7 @@ impl Table {
             recalls: Vec::new(),
             errors: Vec::new(),
             causes: Vec::new(),
+            trust: Vec::new(),
         };
         for dataset in &suite.datasets {
             for benchmark in &dataset.benchmarks {
@@ -189,6 +206,7 @@ impl Table {
             for (method, keypoints) in combinations(suite) {
                 let group = Group::new(suite, plan, cells, &dataset.name, method, keypoints);
                 table.causes.extend(group.causes());
+                table.trust.extend(group.trust());
             }
         }
         table

@@ -39,6 +39,7 @@ impl Row {
                 residual_m: 0.02,
                 support: parent.map(|_| Support { parent_from_scan, ..Support::default() }),
                 neighbours: Vec::new(),
+                hold: None,
             })
         });
         Self {

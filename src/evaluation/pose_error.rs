@@ -322,6 +322,7 @@ mod tests {
             residual_m: 0.0,
             support: None,
             neighbours: Vec::new(),
+            hold: None,
         })
     }
 

@@ -5,7 +5,7 @@
 //! and the most certain join of all is made first: what is doubtful waits until both sides have
 //! grown and more scans can speak for it or against it.
 
-use super::assembly::{Assembly, Component};
+use super::assembly::{Assembly, Component, Finished};
 use super::assessment::Assessor;
 use super::config::RegistrationConfig;
 use super::evidence;
@@ -55,7 +55,7 @@ pub(super) fn register(
     assembly.add_pairs(pairs);
     join_all(&mut assembly, config, monitor)?;
     if config.assembly.second_look {
-        let unseen = assembly.unseen_pairs();
+        let unseen = assembly.unseen_pairs(similarity);
         assembly.add_pairs(pairwise.register(&unseen, monitor)?);
         join_all(&mut assembly, config, monitor)?;
     }
@@ -89,16 +89,16 @@ fn join_all(assembly: &mut Assembly<'_>, config: &RegistrationConfig, monitor: &
 /// One outcome a scan; components ordered by size, then by their first scan.
 fn conclude(
     scans: &[ScanInput<'_>],
-    mut components: Vec<(Component, Vec<Support>)>,
+    mut components: Vec<Finished>,
     refusals: &mut [Option<DeclineReason>],
     assessor: &Assessor<'_>,
 ) -> Reconstruction {
     let Assessor { models, config, radius_m, .. } = *assessor;
     let lowest = |c: &Component| c.members.iter().map(|m| m.0).min();
-    components.sort_by_key(|(c, _)| (std::cmp::Reverse(c.members.len()), lowest(c)));
+    components.sort_by_key(|f| (std::cmp::Reverse(f.component.members.len()), lowest(&f.component)));
     let grids: Vec<RadiusGrid<'_>> =
         scans.par_iter().map(|s| RadiusGrid::new(&s.features.keypoints, radius_m as f32)).collect();
-    for (component, supports) in components.iter().filter(|(c, _)| c.members.len() == 1) {
+    for Finished { component, supports, .. } in components.iter().filter(|f| f.component.members.len() == 1) {
         let (alone, support) = (component.members[0].0, supports[0]);
         refusals[alone.0] = evidence::refusal(&support, &config.evidence);
     }
@@ -111,8 +111,8 @@ fn conclude(
         .iter_mut()
         .map(|r| Outcome::Declined(r.take().unwrap_or_else(|| unexplained.clone())))
         .collect();
-    let joined = components.iter().filter(|(c, _)| c.members.len() > 1);
-    for (number, (component, supports)) in joined.enumerate() {
+    let joined = components.iter().filter(|f| f.component.members.len() > 1);
+    for (number, Finished { component, supports, holds }) in joined.enumerate() {
         let order = tree_order(component);
         let neighbours: Vec<_> = (0..component.members.len())
             .into_par_iter()
@@ -133,6 +133,7 @@ fn conclude(
                 residual_m: support.plane_residual * radius_m,
                 support: Some(support),
                 neighbours,
+                hold: Some(Box::new(holds[m])),
             });
         }
     }

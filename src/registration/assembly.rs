@@ -1,13 +1,18 @@
 //! State of a registration that joins components, strongest evidence first, and the mechanism
 //! of its steps; [`super::agglomerate`] says when each happens.
 
+mod hold;
+mod link;
 mod refinement;
 mod review;
 mod trial;
 
+pub use review::Finished;
+
+use link::Link;
+
 use super::assessment::{Assessment, Assessor, centre_of};
 use super::config::RegistrationConfig;
-use super::estimate::same_motion;
 use super::estimate::scoring::Correspondences;
 use super::pairs::ScanPair;
 use super::surface_fit::Posed;
@@ -17,10 +22,9 @@ use crate::geometry::{Point, RigidMotion};
 use crate::monitor::Monitor;
 use crate::scan::{ScanId, Support};
 use rayon::prelude::*;
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Clusters of pairwise hypotheses of two components that are assessed.
-const CLUSTERS: usize = 8;
 /// Pairs of components that are assessed at a time.
 const BATCH: usize = 2;
 
@@ -48,26 +52,6 @@ pub struct Component {
 
 /// Names a component; every join makes a new one.
 type ComponentId = usize;
-
-/// What is known about two components' relative pose.
-#[derive(Debug, Clone)]
-struct Link {
-    /// Pairs of scans with one in either component.
-    pairs: Vec<usize>,
-    /// Distinct proposals `a_from_b` with the pair that speaks for each most, best first.
-    proposals: Vec<(RigidMotion, usize)>,
-    /// How probable the best proposal is if pairs were independent witnesses.
-    promise: f64,
-    /// Evidence for proposals, most probable first, and the pair that speaks for each; once measured.
-    assessed: Option<Vec<(Assessment, usize)>>,
-}
-
-impl Link {
-    /// The most probable proposal, where it was measured.
-    fn best(&self) -> Option<(Assessment, usize)> {
-        self.assessed.as_ref()?.first().copied()
-    }
-}
 
 /// State of the registration.
 pub struct Assembly<'a> {
@@ -149,85 +133,6 @@ impl<'a> Assembly<'a> {
         self.relink();
     }
 
-    /// Links between all components, made anew.
-    fn relink(&mut self) {
-        let home: BTreeMap<ScanId, ComponentId> =
-            self.components.iter().flat_map(|(&id, c)| c.members.iter().map(move |m| (m.0, id))).collect();
-        let mut between: BTreeMap<(ComponentId, ComponentId), Vec<usize>> = BTreeMap::new();
-        for (p, pair) in self.pairs.iter().enumerate() {
-            let (Some(&a), Some(&b)) = (home.get(&pair.i), home.get(&pair.j)) else { continue };
-            if a != b && !pair.hypotheses.is_empty() {
-                between.entry((a.min(b), a.max(b))).or_default().push(p);
-            }
-        }
-        self.links = between.into_iter().map(|(key, pairs)| (key, self.link(key, pairs))).collect();
-    }
-
-    /// Clusters what the pairs between two components say of their relative pose.
-    fn link(&self, (a, b): (ComponentId, ComponentId), pairs: Vec<usize>) -> Link {
-        let (ca, cb) = (&self.components[&a], &self.components[&b]);
-        let of = |c: &Component, s: ScanId| c.members.iter().find(|m| m.0 == s).map(|m| m.1);
-        // Every hypothesis as a motion of b into the frame of a.
-        let mut votes: Vec<(RigidMotion, f64, usize, ScanId)> = Vec::new();
-        for &p in &pairs {
-            let pair = &self.pairs[p];
-            let (Some(in_a), Some(in_b)) =
-                (of(ca, pair.i).or(of(ca, pair.j)), of(cb, pair.j).or(of(cb, pair.i)))
-            else {
-                continue;
-            };
-            let i_in_a = of(ca, pair.i).is_some();
-            for h in &pair.hypotheses {
-                let a_from_b = if i_in_a { h.a_from_b } else { h.a_from_b.inverse() };
-                let of_b = if i_in_a { pair.j } else { pair.i };
-                votes.push((in_a * a_from_b * in_b.inverse(), h.probability(), p, of_b));
-            }
-        }
-        votes.sort_by(|x, y| y.1.total_cmp(&x.1).then(x.2.cmp(&y.2)));
-        let mut clusters: Vec<(RigidMotion, usize, f64)> = Vec::new();
-        let mut free = vec![true; votes.len()];
-        for v in 0..votes.len() {
-            if !free[v] {
-                continue;
-            }
-            let (motion, _, pair, of_b) = votes[v];
-            // Compared where the scans of the pair are: far away a small turn is a large shift.
-            let model = &self.assessor.models[of_b.0];
-            let at = of(cb, of_b).map_or(model.centre.cast(), |pose| pose * model.centre.cast::<f64>());
-            // One pair is one witness, however many of its hypotheses agree.
-            let mut witnesses: BTreeMap<usize, f64> = BTreeMap::new();
-            for (w, other) in votes.iter().enumerate().skip(v) {
-                if free[w] && same_motion(&motion, &other.0, &at, self.assessor.radius_m) {
-                    free[w] = false;
-                    let best = witnesses.entry(other.2).or_default();
-                    *best = best.max(other.1);
-                }
-            }
-            let doubt: f64 = witnesses.values().map(|p| (1.0 - p).ln()).sum();
-            clusters.push((motion, pair, -doubt));
-        }
-        clusters.sort_by(|x, y| y.2.total_cmp(&x.2));
-        clusters.truncate(CLUSTERS);
-        let promise = clusters.first().map_or(0.0, |c| c.2);
-        let mut link = Link {
-            pairs,
-            proposals: clusters.into_iter().map(|(motion, pair, _)| (motion, pair)).collect(),
-            promise,
-            assessed: None,
-        };
-        if let ([only], 1, 1) = (link.pairs.as_slice(), ca.members.len(), cb.members.len()) {
-            // Two scans alone: the evidence between them is what their registration found.
-            let pair = &self.pairs[*only];
-            let i_in_a = of(ca, pair.i).is_some();
-            let turned = pair.hypotheses.iter().map(|h| {
-                let a_from_b = if i_in_a { h.a_from_b } else { h.a_from_b.inverse() };
-                (Assessment { a_from_b, ..*h }, *only)
-            });
-            link.assessed = Some(turned.collect());
-        }
-        link
-    }
-
     fn posed(&self, members: &[(ScanId, RigidMotion)]) -> Vec<Posed<'a>> {
         let models = self.assessor.models;
         members.iter().map(|&(s, pose)| Posed { model: &models[s.0], group_from_scan: pose }).collect()
@@ -285,19 +190,20 @@ impl<'a> Assembly<'a> {
     /// # Errors
     /// Only when the monitor is cancelled.
     pub fn best_join(&mut self, monitor: &dyn Monitor) -> Result<Option<Proposal>> {
-        let mut order: Vec<(ComponentId, ComponentId)> = self.links.keys().copied().collect();
-        order.sort_by(|x, y| self.links[y].promise.total_cmp(&self.links[x].promise).then(x.cmp(y)));
+        let mut order: Vec<(f64, (ComponentId, ComponentId))> =
+            self.links.iter().map(|(key, link)| (link.promise, *key)).collect();
+        order.sort_unstable_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
         let mut best: Option<Proposal> = None;
         for batch in order.chunks(BATCH) {
             monitor.check("registration")?;
             let assessed: Vec<Option<Vec<(Assessment, usize)>>> = batch
                 .par_iter()
-                .map(|key| {
+                .map(|(_, key)| {
                     let link = &self.links[key];
                     link.assessed.is_none().then(|| self.assess(*key, link))
                 })
                 .collect();
-            for (&(a, b), found) in batch.iter().zip(assessed) {
+            for (&(_, (a, b)), found) in batch.iter().zip(assessed) {
                 let Some(link) = self.links.get_mut(&(a, b)) else { continue };
                 link.assessed = found.or(link.assessed.take());
                 let Some((assessment, pair)) = link.best() else { continue };
@@ -340,8 +246,8 @@ impl<'a> Assembly<'a> {
         let pair = self.pairs.get(proposal.pair)?;
         let Assessment { a_from_b, support } = proposal.assessment;
         // The larger keeps its frame; of equals the one with the lower pivot.
-        let first = (ca.members.len(), std::cmp::Reverse(ca.members[0].0))
-            >= (cb.members.len(), std::cmp::Reverse(cb.members[0].0));
+        let first =
+            (ca.members.len(), Reverse(ca.members[0].0)) >= (cb.members.len(), Reverse(cb.members[0].0));
         let (large, small, large_from_small) =
             if first { (ca, cb, a_from_b) } else { (cb, ca, a_from_b.inverse()) };
         let mut joined = large.clone();
@@ -361,45 +267,5 @@ impl<'a> Assembly<'a> {
         self.next += 1;
         self.components.insert(id, with);
         self.replace_links(gone, id);
-    }
-
-    /// Links of the components in `gone` become links of `id`.
-    fn replace_links(&mut self, gone: &[ComponentId], id: ComponentId) {
-        let mut pairs: BTreeMap<ComponentId, Vec<usize>> = BTreeMap::new();
-        let old: Vec<(ComponentId, ComponentId)> =
-            self.links.keys().copied().filter(|k| gone.contains(&k.0) || gone.contains(&k.1)).collect();
-        for key in old {
-            let Some(link) = self.links.remove(&key) else { continue };
-            let other = if gone.contains(&key.0) { key.1 } else { key.0 };
-            if !gone.contains(&other) {
-                pairs.entry(other).or_default().extend(link.pairs);
-            }
-        }
-        let made: Vec<((ComponentId, ComponentId), Link)> = pairs
-            .into_iter()
-            .map(|(other, mut pairs)| {
-                pairs.sort_unstable();
-                let key = (other.min(id), other.max(id));
-                (key, self.link(key, pairs))
-            })
-            .collect();
-        self.links.extend(made);
-    }
-
-    /// Pairs of scans of different components that were not registered yet.
-    pub fn unseen_pairs(&self) -> Vec<(ScanId, ScanId)> {
-        let seen: BTreeSet<(ScanId, ScanId)> = self.pairs.iter().map(|p| (p.i, p.j)).collect();
-        let components: Vec<&Component> = self.components.values().collect();
-        let mut unseen = Vec::new();
-        for (k, a) in components.iter().enumerate() {
-            for b in &components[k + 1..] {
-                for &(i, _) in &a.members {
-                    unseen.extend(b.members.iter().map(|&(j, _)| (i.min(j), i.max(j))));
-                }
-            }
-        }
-        unseen.retain(|pair| !seen.contains(pair));
-        unseen.sort_unstable();
-        unseen
     }
 }

@@ -63,6 +63,46 @@ pub fn refine_jointly(
     Ok(poses)
 }
 
+/// Covariance of every pose relative to the first at refined poses, in the order of `scans`: of a
+/// rotation vector (radians) and the displacement of the scan's centre (metres), in the frame of
+/// the poses. Zero for the first; `None` where the system cannot be solved.
+///
+/// The inverse of the normal equations times the weighted mean square residual, twice: each pair is
+/// looked at from both sides. Residuals are taken for independent, which those of points closer
+/// than τ are not: scans denser than that, and sensors whose errors are systematic, are less certain.
+pub fn pose_covariances(
+    scans: &[JointScan<'_>],
+    config: &JointConfig,
+    radius_m: f64,
+) -> Vec<Option<Matrix6<f64>>> {
+    let poses: Vec<RigidMotion> = scans.iter().map(|s| s.world_from_scan).collect();
+    let samples: Vec<Sample> =
+        scans.iter().map(|s| Sample::new(s.model.surface, config.points_per_scan)).collect();
+    let pairs = overlapping_pairs(&samples, scans, &poses, config.min_overlap, radius_m as f32);
+    let finest = config.radii.last().copied().unwrap_or(1.0) * radius_m;
+    let terms: Vec<PairTerm> =
+        pairs.par_iter().map(|&(i, j)| pair_term(i, j, &samples, scans, &poses, finest)).collect();
+    let (squared, weight) = terms.iter().fold((0.0, 0.0), |s, t| (s.0 + t.squared, s.1 + t.weight));
+    let (matrix, _) = normal_equations(&pairs, &terms, scans.len());
+    let factor = matrix.cholesky();
+    let variance = 2.0 * squared / f64::max(weight, 1.0);
+    (0..scans.len())
+        .into_par_iter()
+        .map(|scan| {
+            if scan == 0 {
+                return Some(Matrix6::zeros());
+            }
+            let mut unit = vec![Matrix6::<f64>::zeros(); scans.len() - 1];
+            unit[scan - 1] = Matrix6::identity();
+            let about_origin = factor.as_ref()?.solve(&unit)[scan - 1] * variance;
+            let centre = poses[scan] * scans[scan].model.centre.cast::<f64>();
+            let mut at_centre = Matrix6::identity();
+            at_centre.fixed_view_mut::<3, 3>(3, 0).copy_from(&-centre.coords.cross_matrix());
+            Some(at_centre * about_origin * at_centre.transpose())
+        })
+        .collect()
+}
+
 /// Points of two scans that are one place by a registration of the two.
 #[derive(Debug, Clone)]
 pub struct MatchedPair {
@@ -95,7 +135,7 @@ pub fn close_loops(poses: &[RigidMotion], pairs: &[MatchedPair], radius_m: f64) 
 
 /// Σ JᵀJ and Σ Jᵀr of r = Tᵢp − Tⱼq with J = [−[x]×, I], robustly weighted as one.
 fn matched_term(pair: &MatchedPair, poses: &[RigidMotion], scale_m: f64) -> PairTerm {
-    let mut term = PairTerm { information: Matrix6::zeros(), gradient: Vector6::zeros() };
+    let mut term = PairTerm::new();
     let (first, second) = (poses[pair.scans.0], poses[pair.scans.1]);
     let mut squared = 0.0;
     for (p, q) in &pair.points {
@@ -110,7 +150,7 @@ fn matched_term(pair: &MatchedPair, poses: &[RigidMotion], scale_m: f64) -> Pair
     }
     let mean = squared / pair.points.len().max(1) as f64;
     let w = pair.weight * (scale_m * scale_m / (scale_m * scale_m + mean)).powi(2);
-    PairTerm { information: term.information * w, gradient: term.gradient * w }
+    PairTerm { information: term.information * w, gradient: term.gradient * w, squared: mean * w, weight: w }
 }
 
 /// An evenly strided part of a surface, whose points look for counterparts.
@@ -172,6 +212,15 @@ fn overlapping_pairs(
 struct PairTerm {
     information: Matrix6<f64>,
     gradient: Vector6<f64>,
+    /// Σ w r² and Σ w.
+    squared: f64,
+    weight: f64,
+}
+
+impl PairTerm {
+    fn new() -> Self {
+        Self { information: Matrix6::zeros(), gradient: Vector6::zeros(), squared: 0.0, weight: 0.0 }
+    }
 }
 
 fn pair_term(
@@ -182,7 +231,7 @@ fn pair_term(
     poses: &[RigidMotion],
     radius_m: f64,
 ) -> PairTerm {
-    let mut term = PairTerm { information: Matrix6::zeros(), gradient: Vector6::zeros() };
+    let mut term = PairTerm::new();
     // Points of i on the planes of j, and the other way round with the sign of h turned.
     for (from, to, sign) in [(i, j, 1.0), (j, i, -1.0)] {
         let to_from_from = poses[to].inverse() * poses[from];
@@ -203,6 +252,8 @@ fn pair_term(
             let h = Vector6::new(m.x, m.y, m.z, n.x, n.y, n.z) * sign;
             term.information += h * h.transpose() * w;
             term.gradient += h * (w * r);
+            term.squared += w * r * r;
+            term.weight += w;
         }
     }
     term
@@ -211,16 +262,14 @@ fn pair_term(
 /// Normals further apart than 45° do not belong to the same surface.
 const MIN_NORMAL_COSINE: f32 = std::f32::consts::FRAC_1_SQRT_2;
 
-/// Solves for all poses but the first and applies the step; returns the longest
-/// translation of a pose, or `None` when the system cannot be solved.
-fn gauss_newton_step(
+/// The normal equations of all poses but the first, which is held.
+fn normal_equations(
     pairs: &[(usize, usize)],
     terms: &[PairTerm],
-    poses: &mut [RigidMotion],
-    radius_m: f64,
-) -> Option<f64> {
-    let mut matrix = BlockMatrix::<6>::zeros(poses.len() - 1);
-    let mut right = vec![Vector6::zeros(); poses.len() - 1];
+    poses: usize,
+) -> (BlockMatrix<6>, Vec<Vector6<f64>>) {
+    let mut matrix = BlockMatrix::<6>::zeros(poses - 1);
+    let mut right = vec![Vector6::zeros(); poses - 1];
     for (&(i, j), term) in pairs.iter().zip(terms) {
         // Scan 0 is held: its rows and columns are left out.
         for (scan, sign) in [(i, 1.0), (j, -1.0)] {
@@ -238,6 +287,18 @@ fn gauss_newton_step(
         let floor = matrix.diagonal(row).diagonal().map(|v| 1e-6 * v + 1e-3);
         matrix.add(row, row, &Matrix6::from_diagonal(&floor));
     }
+    (matrix, right)
+}
+
+/// Solves for all poses but the first and applies the step; returns the longest
+/// translation of a pose, or `None` when the system cannot be solved.
+fn gauss_newton_step(
+    pairs: &[(usize, usize)],
+    terms: &[PairTerm],
+    poses: &mut [RigidMotion],
+    radius_m: f64,
+) -> Option<f64> {
+    let (matrix, right) = normal_equations(pairs, terms, poses.len());
     let steps = matrix.solve(&right)?;
     let mut longest = 0.0f64;
     for (pose, delta) in poses.iter_mut().skip(1).zip(steps) {
@@ -260,6 +321,8 @@ mod tests {
     use crate::geometry::rigid::{rotation_error_rad, translation_error_m};
     use crate::monitor::Silent;
     use crate::registration::config::RegistrationConfig;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
 
     fn model(surface: &Surface) -> ScanModel<'_> {
         ScanModel::new(surface, 0.07, &RegistrationConfig::default())
@@ -358,6 +421,48 @@ mod tests {
         for (pose, truth) in closed.iter().zip(&truth) {
             assert!(translation_error_m(pose, truth) < 5e-3, "{}", translation_error_m(pose, truth));
             assert!(rotation_error_rad(pose, truth) < 5e-3);
+        }
+    }
+
+    #[test]
+    fn covariances_are_the_spread_of_poses_over_many_draws_of_the_noise() {
+        // Three views of a corner with 5 mm noise across the surfaces; the exact poses are known.
+        let truth: Vec<RigidMotion> = (0..3)
+            .map(|k| {
+                let k = f64::from(k);
+                RigidMotion::new(Vector3::new(0.5 * k, -0.3 * k, 0.1), Vector3::new(0.1 * k, 0.2, -0.3 * k))
+            })
+            .collect();
+        let config = JointConfig { radii: vec![1.0], ..JointConfig::default() };
+        let draws = 60;
+        let (mut seen, mut stated) = (Matrix6::<f64>::zeros(), Matrix6::<f64>::zeros());
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        for _ in 0..draws {
+            let mut surfaces: Vec<Surface> = truth.iter().map(|t| corner(&t.inverse())).collect();
+            for surface in &mut surfaces {
+                for (p, n) in surface.points.iter_mut().zip(&surface.normals) {
+                    // Uniform on ±a has the standard deviation a/√3.
+                    *p += n * rng.random_range(-0.00866f32..0.00866);
+                }
+            }
+            let models: Vec<ScanModel<'_>> = surfaces.iter().map(model).collect();
+            let posed = |poses: &[RigidMotion]| -> Vec<JointScan<'_>> {
+                let scans = models.iter().zip(poses);
+                scans.map(|(model, &world_from_scan)| JointScan { model, world_from_scan }).collect()
+            };
+            let refined = refine_jointly(&posed(&truth), &config, 0.07, &Silent).unwrap();
+            let covariances = pose_covariances(&posed(&refined), &config, 0.07);
+            assert_eq!(covariances[0], Some(Matrix6::zeros()));
+            stated += covariances[2].unwrap() / f64::from(draws);
+            let centre = models[2].centre.cast::<f64>();
+            let moved = refined[2] * centre - truth[2] * centre;
+            let turned = (refined[2].rotation * truth[2].rotation.inverse()).scaled_axis();
+            let off = Vector6::new(turned.x, turned.y, turned.z, moved.x, moved.y, moved.z);
+            seen += off * off.transpose() / f64::from(draws);
+        }
+        for d in 0..6 {
+            let ratio = (stated[(d, d)] / seen[(d, d)]).sqrt();
+            assert!((0.6..1.7).contains(&ratio), "{d}: stated over seen deviation {ratio}");
         }
     }
 

@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::geometry::rigid::motion_from_matrix;
 use crate::scan::{
-    DeclineReason, NeighbourEvidence, Outcome, Placement, Reconstruction, Scan, ScanId, Support,
+    DeclineReason, Hold, NeighbourEvidence, Outcome, Placement, Reconstruction, Scan, ScanId, Support,
 };
 use nalgebra::Matrix4;
 use serde::{Deserialize, Serialize};
@@ -96,6 +96,9 @@ pub struct Pose {
     pub support: Option<Support>,
     /// Agreement with every placed scan it touches, at the final poses.
     pub neighbours: Vec<NeighbourEvidence>,
+    /// How firmly it is held; null where that was not assessed.
+    #[serde(default)]
+    pub hold: Option<Box<Hold>>,
 }
 
 impl Document {
@@ -180,6 +183,7 @@ impl Pose {
             residual_m: placement.residual_m,
             support: placement.support,
             neighbours: placement.neighbours.clone(),
+            hold: placement.hold.clone(),
         }
     }
 
@@ -203,6 +207,7 @@ impl Pose {
             residual_m: self.residual_m,
             support: self.support,
             neighbours: self.neighbours.clone(),
+            hold: self.hold.clone(),
         })
     }
 }
@@ -256,6 +261,7 @@ mod tests {
             residual_m: 0.01,
             support: None,
             neighbours: vec![NeighbourEvidence { scan: ScanId(1), overlap: 0.5, residual_m: 0.02 }],
+            hold: None,
         })
     }
 

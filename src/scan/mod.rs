@@ -13,7 +13,9 @@ pub use cloud::{PointCloud, Scan, ScanId};
 pub use depth::{DepthImage, Intrinsics};
 pub use features::{Descriptors, Features};
 pub use pose_graph::{PairKey, PairRegistration, PoseEdge, PoseGraph};
-pub use reconstruction::{DeclineReason, NeighbourEvidence, Outcome, Placement, Reconstruction, Support};
+pub use reconstruction::{
+    DeclineReason, Hold, Link, NeighbourEvidence, Outcome, Placement, Reconstruction, Support,
+};
 pub use similarity::SimilarityMatrix;
 pub use surface::Surface;
 pub use truth::PairTruth;

@@ -2,6 +2,7 @@
 
 use super::ScanId;
 use crate::geometry::RigidMotion;
+use nalgebra::Matrix6;
 use serde::{Deserialize, Serialize};
 
 /// Agreement of a placed scan with one other placed scan, measured at the final poses.
@@ -45,6 +46,39 @@ pub struct Support {
     pub parent_from_scan: Option<RigidMotion>,
 }
 
+/// How firmly a placed scan is held in its component.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Hold {
+    /// The least certain link of the most certain chain of links between the scan and the pivot;
+    /// `None` for the pivot.
+    pub weakest_link: Option<Link>,
+    /// Covariance of the pose relative to the pivot's: of a rotation vector (radians) and of the
+    /// displacement of the scan's centre (metres), both in the component's frame. `None` where no
+    /// surfaces were compared.
+    pub covariance: Option<Matrix6<f64>>,
+}
+
+/// Two scans that hold each other.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Link {
+    /// The scans.
+    pub scans: (ScanId, ScanId),
+    /// Probability that their relative pose is right.
+    pub probability: f64,
+}
+
+impl Hold {
+    /// Largest standard deviations in any direction: of the rotation in degrees, of the position of
+    /// the scan's centre in metres.
+    pub fn deviation(&self) -> Option<(f64, f64)> {
+        let covariance = self.covariance?;
+        let largest = |at: usize| {
+            covariance.fixed_view::<3, 3>(at, at).into_owned().symmetric_eigenvalues().max().max(0.0).sqrt()
+        };
+        Some((largest(0).to_degrees(), largest(3)))
+    }
+}
+
 /// A scan with a pose, and what speaks for it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placement {
@@ -66,6 +100,8 @@ pub struct Placement {
     pub support: Option<Support>,
     /// Agreement with every placed scan it touches.
     pub neighbours: Vec<NeighbourEvidence>,
+    /// How firmly it is held; `None` where that was not assessed.
+    pub hold: Option<Box<Hold>>,
 }
 
 impl Placement {

@@ -156,6 +156,7 @@ fn placements<'a>(
         residual_m: 0.0,
         support: None,
         neighbours: Vec::new(),
+        hold: None,
     };
     let pivot = (component.scans[network.pivot].0, placed(0, RigidMotion::identity()));
     let rest: Vec<_> = network

@@ -6,9 +6,20 @@ use super::{Assembly, Component, ComponentId};
 use crate::error::Result;
 use crate::geometry::RigidMotion;
 use crate::monitor::Monitor;
-use crate::scan::{ScanId, Support};
+use crate::scan::{Hold, ScanId, Support};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+
+/// A component as it came out.
+#[derive(Debug, Clone)]
+pub struct Finished {
+    /// Scans with their poses.
+    pub component: Component,
+    /// The evidence for each, in the order of the members.
+    pub supports: Vec<Support>,
+    /// How firmly each is held.
+    pub holds: Vec<Hold>,
+}
 
 /// Other places for a scan that are looked at.
 const PLACES: usize = 4;
@@ -138,9 +149,9 @@ impl Assembly<'_> {
         Ok(changed)
     }
 
-    /// The finished components, each with the final support of every member; of a scan alone the
-    /// support of the best join that it was offered.
-    pub fn finish(self) -> Vec<(Component, Vec<Support>)> {
+    /// The finished components, each with the final support of every member and how firmly it is held;
+    /// of a scan alone the support of the best join that it was offered.
+    pub fn finish(self) -> Vec<Finished> {
         let offered = |id: ComponentId| {
             let links = self.links.iter().filter(|(key, _)| key.0 == id || key.1 == id);
             let best = links.filter_map(|(_, link)| link.best());
@@ -155,6 +166,8 @@ impl Assembly<'_> {
                 n => (0..n).into_par_iter().map(|m| self.place_of(c, m).0.support).collect(),
             })
             .collect();
-        self.components.into_values().zip(supports).collect()
+        let holds: Vec<Vec<Hold>> = self.components.values().map(|c| self.holds(c)).collect();
+        let finished = self.components.into_values().zip(supports).zip(holds);
+        finished.map(|((component, supports), holds)| Finished { component, supports, holds }).collect()
     }
 }

@@ -33,6 +33,7 @@ impl Growth<'_> {
                     residual_m: attempt.map_or(0.0, |a| a.residual_m),
                     support: attempt.map(|a| a.support),
                     neighbours,
+                    hold: None,
                 });
             }
         }

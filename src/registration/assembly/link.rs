@@ -1,0 +1,165 @@
+//! What registered pairs of scans say of the relative pose of two components.
+
+use super::super::assessment::Assessment;
+use super::super::estimate::same_motion;
+use super::{Assembly, Component, ComponentId};
+use crate::geometry::RigidMotion;
+use crate::scan::{ScanId, SimilarityMatrix};
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Clusters of pairwise hypotheses of two components that are assessed.
+const CLUSTERS: usize = 8;
+/// Scans of other components that a scan is compared with in the second look.
+const LOOKED_AT: usize = 60;
+
+/// What is known about two components' relative pose.
+#[derive(Debug, Clone)]
+pub(super) struct Link {
+    /// Pairs of scans with one in either component.
+    pub(super) pairs: Vec<usize>,
+    /// Distinct proposals `a_from_b` with the pair that speaks for each most, best first.
+    pub(super) proposals: Vec<(RigidMotion, usize)>,
+    /// How probable the best proposal is if pairs were independent witnesses.
+    pub(super) promise: f64,
+    /// Evidence for proposals, most probable first, and the pair that speaks for each; once measured.
+    pub(super) assessed: Option<Vec<(Assessment, usize)>>,
+}
+
+impl Link {
+    /// The most probable proposal, where it was measured.
+    pub(super) fn best(&self) -> Option<(Assessment, usize)> {
+        self.assessed.as_ref()?.first().copied()
+    }
+}
+
+impl Assembly<'_> {
+    /// Links between all components, made anew.
+    pub(super) fn relink(&mut self) {
+        let home: BTreeMap<ScanId, ComponentId> =
+            self.components.iter().flat_map(|(&id, c)| c.members.iter().map(move |m| (m.0, id))).collect();
+        let mut between: BTreeMap<(ComponentId, ComponentId), Vec<usize>> = BTreeMap::new();
+        for (p, pair) in self.pairs.iter().enumerate() {
+            let (Some(&a), Some(&b)) = (home.get(&pair.i), home.get(&pair.j)) else { continue };
+            if a != b && !pair.hypotheses.is_empty() {
+                between.entry((a.min(b), a.max(b))).or_default().push(p);
+            }
+        }
+        self.links = between.into_iter().map(|(key, pairs)| (key, self.link(key, pairs))).collect();
+    }
+
+    /// Clusters what the pairs between two components say of their relative pose.
+    fn link(&self, (a, b): (ComponentId, ComponentId), pairs: Vec<usize>) -> Link {
+        let (ca, cb) = (&self.components[&a], &self.components[&b]);
+        let of = |c: &Component, s: ScanId| c.members.iter().find(|m| m.0 == s).map(|m| m.1);
+        // Every hypothesis as a motion of b into the frame of a.
+        let mut votes: Vec<(RigidMotion, f64, usize, ScanId)> = Vec::new();
+        for &p in &pairs {
+            let pair = &self.pairs[p];
+            let (Some(in_a), Some(in_b)) =
+                (of(ca, pair.i).or(of(ca, pair.j)), of(cb, pair.j).or(of(cb, pair.i)))
+            else {
+                continue;
+            };
+            let i_in_a = of(ca, pair.i).is_some();
+            for h in &pair.hypotheses {
+                let a_from_b = if i_in_a { h.a_from_b } else { h.a_from_b.inverse() };
+                let of_b = if i_in_a { pair.j } else { pair.i };
+                votes.push((in_a * a_from_b * in_b.inverse(), h.probability(), p, of_b));
+            }
+        }
+        votes.sort_by(|x, y| y.1.total_cmp(&x.1).then(x.2.cmp(&y.2)));
+        let mut clusters: Vec<(RigidMotion, usize, f64)> = Vec::new();
+        let mut free = vec![true; votes.len()];
+        for v in 0..votes.len() {
+            if !free[v] {
+                continue;
+            }
+            let (motion, _, pair, of_b) = votes[v];
+            // Compared where the scans of the pair are: far away a small turn is a large shift.
+            let model = &self.assessor.models[of_b.0];
+            let at = of(cb, of_b).map_or(model.centre.cast(), |pose| pose * model.centre.cast::<f64>());
+            // One pair is one witness, however many of its hypotheses agree.
+            let mut witnesses: BTreeMap<usize, f64> = BTreeMap::new();
+            for (w, other) in votes.iter().enumerate().skip(v) {
+                if free[w] && same_motion(&motion, &other.0, &at, self.assessor.radius_m) {
+                    free[w] = false;
+                    let best = witnesses.entry(other.2).or_default();
+                    *best = best.max(other.1);
+                }
+            }
+            let doubt: f64 = witnesses.values().map(|p| (1.0 - p).ln()).sum();
+            clusters.push((motion, pair, -doubt));
+        }
+        clusters.sort_by(|x, y| y.2.total_cmp(&x.2));
+        clusters.truncate(CLUSTERS);
+        let promise = clusters.first().map_or(0.0, |c| c.2);
+        let mut link = Link {
+            pairs,
+            proposals: clusters.into_iter().map(|(motion, pair, _)| (motion, pair)).collect(),
+            promise,
+            assessed: None,
+        };
+        if let ([only], 1, 1) = (link.pairs.as_slice(), ca.members.len(), cb.members.len()) {
+            // Two scans alone: the evidence between them is what their registration found.
+            let pair = &self.pairs[*only];
+            let i_in_a = of(ca, pair.i).is_some();
+            let turned = pair.hypotheses.iter().map(|h| {
+                let a_from_b = if i_in_a { h.a_from_b } else { h.a_from_b.inverse() };
+                (Assessment { a_from_b, ..*h }, *only)
+            });
+            link.assessed = Some(turned.collect());
+        }
+        link
+    }
+
+    /// Links of the components in `gone` become links of `id`.
+    pub(super) fn replace_links(&mut self, gone: &[ComponentId], id: ComponentId) {
+        let mut pairs: BTreeMap<ComponentId, Vec<usize>> = BTreeMap::new();
+        let old: Vec<(ComponentId, ComponentId)> =
+            self.links.keys().copied().filter(|k| gone.contains(&k.0) || gone.contains(&k.1)).collect();
+        for key in old {
+            let Some(link) = self.links.remove(&key) else { continue };
+            let other = if gone.contains(&key.0) { key.1 } else { key.0 };
+            if !gone.contains(&other) {
+                pairs.entry(other).or_default().extend(link.pairs);
+            }
+        }
+        let made: Vec<((ComponentId, ComponentId), Link)> = pairs
+            .into_iter()
+            .map(|(other, mut pairs)| {
+                pairs.sort_unstable();
+                let key = (other.min(id), other.max(id));
+                (key, self.link(key, pairs))
+            })
+            .collect();
+        self.links.extend(made);
+    }
+
+    /// Pairs of scans of different components that were not registered yet: for every scan outside the
+    /// largest component the [`LOOKED_AT`] most similar ones, so that their number does not grow with
+    /// the square of that of the scans.
+    pub fn unseen_pairs(&self, similarity: &SimilarityMatrix) -> Vec<(ScanId, ScanId)> {
+        let seen: BTreeSet<(ScanId, ScanId)> = self.pairs.iter().map(|p| (p.i, p.j)).collect();
+        let ordered = |i: ScanId, j: ScanId| (i.min(j), i.max(j));
+        let home: BTreeMap<ScanId, ComponentId> =
+            self.components.iter().flat_map(|(&id, c)| c.members.iter().map(move |m| (m.0, id))).collect();
+        let largest = self.components.iter().max_by_key(|(id, c)| (c.members.len(), Reverse(**id)));
+        let largest = largest.map(|(&id, _)| id);
+        let mut unseen: Vec<(ScanId, ScanId)> = home
+            .iter()
+            .filter(|&(_, &of_i)| Some(of_i) != largest)
+            .flat_map(|(&i, &of_i)| {
+                let others = home.iter().filter(|&(_, &of_j)| of_j != of_i).map(|(&j, _)| j);
+                let mut others: Vec<ScanId> = others.filter(|&j| !seen.contains(&ordered(i, j))).collect();
+                let like = |j: &ScanId| similarity.get(i.0, j.0);
+                others.sort_by(|a, b| like(b).total_cmp(&like(a)).then(a.cmp(b)));
+                others.truncate(LOOKED_AT);
+                others.into_iter().map(move |j| ordered(i, j))
+            })
+            .collect();
+        unseen.sort_unstable();
+        unseen.dedup();
+        unseen
+    }
+}
