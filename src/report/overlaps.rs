@@ -81,6 +81,7 @@ mod tests {
                 inliers: 0,
                 residual_m: 0.0,
                 support: None,
+                hold: None,
                 neighbours,
             })
         };

@@ -92,6 +92,7 @@ function columns(data) {
   const support = (f) => joined((p) => (p.support ? f(p.support) : null));
   const several = data.components.length > 1;
   const judged = data.scans.some((s) => s.error);
+  const held = data.scans.some((s) => typeof s.placed?.hold?.deviation_m === 'number');
   return [
     ['Outcome', (s) => (s.left_out ? 'left out' : s.placed.parent === null ? 'pivot' : 'placed'), String, 'text'],
     several ? ['Model', placed((p) => p.component + 1), String] : null,
@@ -103,6 +104,7 @@ function columns(data) {
     ['Overlap', placed((p, s) => overlapOf(s)), share],
     ['Residual', joined((p) => p.residual_m), length],
     ['Probability', support((p) => p.probability), share],
+    held ? ['Held within', placed((p) => p.hold?.deviation_m ?? null), (v) => `± ${length(v)}`] : null,
     judged ? ['Angle off', (s) => s.error?.rotation_deg ?? null, degrees] : null,
     judged ? ['Shift off', (s) => s.error?.translation_m ?? null, length] : null,
     ['Points', (s) => s.size?.points ?? null, (v) => v.toLocaleString('en')],
@@ -211,6 +213,12 @@ function factsOf(data, scan) {
     if (typeof s.probability === 'number') facts.push(['Probability to be right', share(s.probability)]);
   }
   if (p.parent !== null) facts.push(['Residual', length(p.residual_m)]);
+  const { hold } = p;
+  if (typeof hold?.deviation_m === 'number') facts.push(['Held within', `± ${length(hold.deviation_m)}, ± ${degrees(hold.deviation_deg)} (one standard deviation)`]);
+  if (hold?.weakest_link) {
+    const [i, j, probability] = hold.weakest_link;
+    facts.push(['Weakest link to the pivot', `${name(data, i)} and ${name(data, j)}, right with probability ${share(probability)}`]);
+  }
   if (scan.error) facts.push(['Error against the truth', `${degrees(scan.error.rotation_deg)}, ${length(scan.error.translation_m)}`]);
   return facts;
 }

@@ -6,7 +6,7 @@ use super::points::{MOST_POINTS, Packed, choose};
 use super::{Input, agreement, wording};
 use crate::descriptor::WorkingScale;
 use crate::evaluation::pose_error::PoseError;
-use crate::scan::{NeighbourEvidence, SimilarityMatrix, Support};
+use crate::scan::{Hold, NeighbourEvidence, SimilarityMatrix, Support};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
@@ -58,7 +58,29 @@ struct PlacedData<'a> {
     inliers: usize,
     residual_m: f64,
     support: Option<&'a Support>,
+    hold: Option<HoldData>,
     neighbours: &'a [NeighbourEvidence],
+}
+
+/// How firmly a scan is held.
+#[derive(Debug, Serialize)]
+struct HoldData {
+    /// Largest standard deviations in any direction, of the rotation and of the scan's centre.
+    deviation_deg: Option<f64>,
+    deviation_m: Option<f64>,
+    /// Two scans and the probability that their relative pose is right.
+    weakest_link: Option<(usize, usize, f64)>,
+}
+
+impl HoldData {
+    fn new(hold: &Hold) -> Self {
+        let deviation = hold.deviation();
+        Self {
+            deviation_deg: deviation.map(|d| d.0),
+            deviation_m: deviation.map(|d| d.1),
+            weakest_link: hold.weakest_link.map(|l| (l.scans.0.0, l.scans.1.0, l.probability)),
+        }
+    }
 }
 
 #[derive(Debug, Serialize)]
@@ -122,6 +144,7 @@ fn placed(entry: &Entry) -> Option<PlacedData<'_>> {
         inliers: pose.inliers,
         residual_m: pose.residual_m,
         support: pose.support.as_ref(),
+        hold: pose.hold.as_deref().map(HoldData::new),
         neighbours: &pose.neighbours,
     })
 }

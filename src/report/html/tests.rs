@@ -15,6 +15,7 @@ pub(super) fn placed(world_from_scan: RigidMotion, step: usize, parent: Option<u
         inliers: 0,
         residual_m: 0.0,
         support: None,
+        hold: None,
         neighbours: Vec::new(),
     }
 }
