@@ -7,8 +7,16 @@ use predicates::prelude::*;
 use predicates::str::contains;
 use std::path::Path;
 
-const FILES: [&str; 6] =
-    ["cache", "config.toml", "merged.ply", "poses.json", "report.json", "trajectory.log"];
+const FILES: [&str; 8] = [
+    "cache",
+    "config.toml",
+    "merged.ply",
+    "overlap.csv",
+    "poses.json",
+    "report.html",
+    "report.json",
+    "trajectory.log",
+];
 
 fn register(scans: &Path, output: &Path, more: &[&str]) -> assert_cmd::assert::Assert {
     scanweave().arg("register").arg(scans).arg("-o").arg(output).args(more).assert()
@@ -27,7 +35,7 @@ fn a_result_is_whole_reproducible_kept_and_only_replaced_by_force() {
         .stderr("");
     assert_eq!(names(&one), FILES);
     register(&scans, &two, &["--threads", "2", "--seed", "3"]).success();
-    for file in ["poses.json", "trajectory.log", "merged.ply", "config.toml"] {
+    for file in ["poses.json", "trajectory.log", "merged.ply", "overlap.csv", "config.toml"] {
         let read = |folder: &Path| std::fs::read(folder.join(file)).unwrap();
         assert!(read(&one) == read(&two), "{file} differs between 1 and 2 threads");
     }

@@ -183,7 +183,10 @@ fn a_descriptor_is_trained_and_describes() {
         command
     };
     train(&[]).assert().success().stdout(contains("step      4").and(contains("accuracy")));
-    assert_eq!(names(&run), ["best.safetensors", "last.safetensors", "metrics.jsonl", "recipe.toml"]);
+    let files = ["best.safetensors", "curves.svg", "last.safetensors", "metrics.jsonl", "recipe.toml"];
+    assert_eq!(names(&run), files);
+    // Two records (steps 2 and 4) with a loss and an accuracy each: four points.
+    assert_eq!(std::fs::read_to_string(run.join("curves.svg")).unwrap().matches("<circle").count(), 4);
     train(&[]).assert().code(5).stderr(contains("--force"));
     train(&["--resume"]).assert().success();
 

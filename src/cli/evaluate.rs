@@ -95,26 +95,7 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
 fn one(arguments: &Arguments, truth_folder: &Path, verbosity: &Verbosity) -> anyhow::Result<()> {
     let document = Document::load(&arguments.result.join("poses.json"))?;
     let reconstruction = document.reconstruction()?;
-    let scene = io::dataset::read_scene(truth_folder)?;
-    let by_stem = true_poses(&scene, truth_folder)?;
-    let truth = document
-        .scans
-        .iter()
-        .map(|entry| {
-            let stem = entry.name.rsplit('/').next().unwrap_or(&entry.name);
-            by_stem.get(stem).copied().ok_or_else(|| {
-                let expected = format!("the scans of {}", arguments.result.display());
-                let remedy = "name the folder that these scans came from with --truth";
-                Error::file(
-                    truth_folder,
-                    format!("no true pose for the scan {}", entry.name),
-                    expected,
-                    remedy,
-                )
-            })
-        })
-        .collect::<Result<Vec<RigidMotion>, Error>>()?;
-    let poses = evaluate_against_truth(&reconstruction, &truth)?;
+    let (poses, deviation) = against_truth(&document, &reconstruction, truth_folder)?;
     let config = RecallConfig {
         threshold_m: arguments.threshold,
         reference_quirks: arguments.reference_quirks,
@@ -131,9 +112,32 @@ fn one(arguments: &Arguments, truth_folder: &Path, verbosity: &Verbosity) -> any
     if arguments.json {
         terminal::print(&(serde_json::to_string_pretty(&report).context("writing the report")? + "\n"))?;
     } else if !verbosity.quiet {
-        print(&report, scene.world_from_scan.map_or(0.0, |t| t.deviation))?;
+        print(&report, deviation)?;
     }
     Ok(())
+}
+
+/// The errors of a result against the true poses in `truth_folder`, and how far the worst rotation
+/// there was from orthonormal.
+pub fn against_truth(
+    document: &Document,
+    reconstruction: &Reconstruction,
+    truth_folder: &Path,
+) -> Result<(PoseReport, f64), Error> {
+    let scene = io::dataset::read_scene(truth_folder)?;
+    let by_stem = true_poses(&scene, truth_folder)?;
+    let true_pose = |name: &String| {
+        let stem = name.rsplit('/').next().unwrap_or(name);
+        by_stem.get(stem).copied().ok_or_else(|| {
+            let remedy = "name the folder that these scans came from with --truth";
+            let found = format!("no true pose for the scan {name}");
+            Error::file(truth_folder, found, "the scans of the result", remedy)
+        })
+    };
+    let truth =
+        document.scans.iter().map(|s| true_pose(&s.name)).collect::<Result<Vec<RigidMotion>, Error>>()?;
+    let report = evaluate_against_truth(reconstruction, &truth)?;
+    Ok((report, scene.world_from_scan.map_or(0.0, |t| t.deviation)))
 }
 
 /// True poses by the name of their scan.

@@ -13,6 +13,7 @@ mod evaluate_set;
 mod fuse;
 mod ground_truth;
 mod import_weights;
+mod inspect;
 mod interrupt;
 pub mod logging;
 mod man;
@@ -20,6 +21,7 @@ mod options;
 mod outcome;
 mod progress;
 mod register;
+mod report;
 mod result_folder;
 mod sample;
 mod status;
@@ -59,6 +61,8 @@ pub struct Verbosity {
 #[derive(Debug, Subcommand)]
 enum Command {
     Register(register::Arguments),
+    Report(report::Arguments),
+    Inspect(inspect::Arguments),
     Demo(demo::Arguments),
     Describe(describe::Arguments),
     Evaluate(evaluate::Arguments),
@@ -80,6 +84,8 @@ enum Command {
 pub fn run(cli: Cli) -> anyhow::Result<Status> {
     match cli.command {
         Command::Register(arguments) => register::run(arguments, &cli.verbosity),
+        Command::Report(arguments) => report::run(&arguments, &cli.verbosity),
+        Command::Inspect(arguments) => inspect::run(&arguments, &cli.verbosity),
         Command::Demo(arguments) => demo::run(arguments, &cli.verbosity),
         Command::Describe(arguments) => describe::run(&arguments, &cli.verbosity),
         Command::Evaluate(arguments) => evaluate::run(arguments, &cli.verbosity),

@@ -3,16 +3,23 @@
 use scanweave::config::Config;
 use scanweave::geometry::RigidMotion;
 use scanweave::pipeline::{Run, Stopwatch};
+use scanweave::report::html;
 use scanweave::report::merged::MergedCloud;
+use scanweave::report::overlaps;
 use scanweave::report::poses::Document;
 use scanweave::report::run::{self, RunReport, ScanSize};
-use scanweave::scan::{Scan, ScanId};
+use scanweave::scan::{PointCloud, Scan, ScanId};
 use scanweave::{Error, Monitor, Result, io};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Written last: a folder that has it holds a whole result.
-const POSES: &str = "poses.json";
+pub const POSES: &str = "poses.json";
+/// Other files of a result.
+pub const CONFIG: &str = "config.toml";
+pub const OVERLAP: &str = "overlap.csv";
+pub const REPORT: &str = "report.json";
+pub const PAGE: &str = "report.html";
 
 /// A folder that is, or is going to be, a result.
 pub struct ResultFolder {
@@ -59,12 +66,29 @@ impl ResultFolder {
         self.remove_old_result()?;
         clock.stages.extend(run.timings.iter().cloned());
         let poses = Document::new(scans, &run.reconstruction);
+        let settings = config.to_toml()?;
         clock.time("writing", || -> Result<()> {
             self.write_clouds(scans, run, config)?;
-            self.write_text("config.toml", &config.to_toml()?)
+            self.write_text(OVERLAP, &overlaps::csv(&run.similarity, &poses))?;
+            self.write_text(CONFIG, &settings)
         })?;
-        let report = report(scans, run, config, &poses, clock);
-        self.write_text("report.json", &report.to_json())?;
+        let mut report = report(scans, run, config, &poses, clock);
+        let mut clock = Stopwatch::default();
+        clock.time("page", || -> Result<()> {
+            let clouds: Vec<&PointCloud> = scans.iter().map(|s| &s.cloud).collect();
+            let page = html::page(&html::Input {
+                poses: &poses,
+                run: &report,
+                config: &settings,
+                similarity: Some(&run.similarity),
+                clouds: &clouds,
+                surfaces: &run.surfaces,
+                truth: None,
+            })?;
+            self.write_text(PAGE, &page)
+        })?;
+        report.add_times(clock.stages);
+        self.write_text(REPORT, &report.to_json())?;
         self.write_text(POSES, &poses.to_json())?;
         Ok(Written { poses, report })
     }
@@ -80,6 +104,7 @@ impl ResultFolder {
             }
         };
         remove(POSES)?;
+        remove(PAGE)?;
         for component in 1.. {
             let trajectory = remove(&numbered("trajectory", component, "log"))?;
             if !(remove(&numbered("merged", component, "ply"))? || trajectory) {

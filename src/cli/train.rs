@@ -6,6 +6,7 @@ use super::{Status, Verbosity, terminal};
 use clap::{Args, Subcommand};
 use scanweave::descriptor::spinnet;
 use scanweave::pipeline::FeatureSource;
+use scanweave::report::chart::{self, Panel, Series};
 use scanweave::retrieval::scores::RetrievalScores;
 use scanweave::retrieval::train::{Record, TrainReport, train};
 use scanweave::training::descriptor::DescriptorRecipe;
@@ -39,7 +40,8 @@ enum Other {
 ///
 /// The recipe names settings and data as for an overlap head. Writes best.safetensors (for the
 /// setting descriptor.checkpoint), last.safetensors (for --resume), metrics.jsonl and recipe.toml
-/// into the output folder. Stopped at any moment, the last complete checkpoint is intact.
+/// into the output folder, and curves.svg at the end. Stopped at any moment, the last complete
+/// checkpoint is intact.
 #[derive(Debug, Args)]
 struct DescriptorArguments {
     #[command(flatten)]
@@ -126,6 +128,7 @@ fn train_descriptor(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Resu
     let data = training::descriptor::load(&recipe, options.data_root(), &progress)?;
     options.begin(&recipe.to_toml()?)?;
     let report = spinnet::train::train(&data, &recipe.train, options.output(), options.resume, &progress)?;
+    write_curves(&options.output().join(FILES[3]), &report.records)?;
     if !verbosity.quiet {
         for record in report.records.iter().filter(|r| r.accuracy.is_some()) {
             terminal::print_line(&format!(
@@ -139,6 +142,25 @@ fn train_descriptor(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Resu
         terminal::print_line(&format!("written  {}", report.best.display()))?;
     }
     Ok(Status::Success)
+}
+
+/// Loss, and accuracy on the validation scenes, over the steps.
+fn write_curves(path: &Path, records: &[spinnet::train::Record]) -> Result<(), Error> {
+    let panel = |title: &str, y_label: &str, points: Vec<(f64, f64)>| Panel {
+        title: title.to_owned(),
+        x_label: "steps".to_owned(),
+        y_label: y_label.to_owned(),
+        x_names: Vec::new(),
+        series: vec![Series { name: "this descriptor".to_owned(), points, line: true, spread: Vec::new() }],
+        y_most: 0.0,
+    };
+    let losses = records.iter().map(|r| (r.step as f64, r.loss)).collect();
+    let right = records.iter().filter_map(|r| Some((r.step as f64, r.accuracy?))).collect();
+    let panels = [
+        panel("training loss", "loss", losses),
+        panel("validation", "patches whose counterpart is nearest", right),
+    ];
+    io::atomic::write(path, |out| out.write_all(chart::svg(&panels)?.as_bytes()))
 }
 
 /// Makes the folder, and refuses it before hours are spent on features.

@@ -47,6 +47,17 @@ pub fn read_npz(path: impl AsRef<Path>) -> Result<Features> {
     join(path, keypoints, normals, descriptors)
 }
 
+/// Whether an NPZ has keypoints and descriptors, and is not a cloud.
+///
+/// # Errors
+/// [`Error::Read`], or [`Error::File`] for a file that is no archive of arrays.
+pub fn holds_features(path: impl AsRef<Path>) -> Result<bool> {
+    let path = path.as_ref();
+    let bytes = fs::read(path).map_err(|e| Error::read(path, e))?;
+    let arrays = npy::read_archive(path, &bytes)?;
+    Ok(["keypoints", "descriptors"].iter().all(|wanted| arrays.iter().any(|(key, _)| key == wanted)))
+}
+
 /// Writes what [`read_npz`] reads, as 32-bit floats.
 ///
 /// # Errors

@@ -2,7 +2,9 @@
 
 use super::poses::{Document, Entry, Verdict};
 use crate::descriptor::WorkingScale;
+use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// Time one stage took.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -14,7 +16,7 @@ pub struct StageTime {
 }
 
 /// Sizes of one scan on its way through the pipeline.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ScanSize {
     /// Finite points read.
     pub points: usize,
@@ -29,12 +31,12 @@ pub struct ScanSize {
 }
 
 /// The verdict on one scan, in one line.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Row {
     /// Name of the scan.
     pub scan: String,
     /// `pivot`, `placed` or `declined`.
-    pub outcome: &'static str,
+    pub outcome: String,
     /// Component of a placed scan.
     pub component: Option<usize>,
     /// Growth step at which it joined.
@@ -56,7 +58,7 @@ pub struct Row {
 }
 
 /// The whole report.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RunReport {
     /// Program and version that wrote it.
     pub generator: String,
@@ -102,6 +104,25 @@ impl RunReport {
         // Serialising these types cannot fail: every map key is a string.
         serde_json::to_string_pretty(self).map(|text| text + "\n").unwrap_or_default()
     }
+
+    /// Adds stages to the timings and their sum.
+    pub fn add_times(&mut self, stages: Vec<StageTime>) {
+        self.total_seconds += stages.iter().map(|t| t.seconds).sum::<f64>();
+        self.timings.extend(stages);
+    }
+
+    /// Reads a `report.json`.
+    ///
+    /// # Errors
+    /// [`Error::Read`], or [`Error::File`] when the file is no such report.
+    pub fn load(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+        serde_json::from_str(&text).map_err(|e| {
+            let expected = "a report as `scanweave register` writes it";
+            let remedy = "name the output folder of a finished registration, or register again";
+            Error::file(path, format!("text that does not fit ({e})"), expected, remedy)
+        })
+    }
 }
 
 /// One row a scan of `poses.json`.
@@ -112,7 +133,7 @@ pub fn rows(document: &Document) -> Vec<Row> {
 fn row(entry: &Entry, all: &[Entry]) -> Row {
     let mut row = Row {
         scan: entry.name.clone(),
-        outcome: "declined",
+        outcome: "declined".to_owned(),
         component: None,
         step: None,
         parent: None,
@@ -131,7 +152,7 @@ fn row(entry: &Entry, all: &[Entry]) -> Row {
             row.overlap = of_parent.or_else(largest).map(|n| n.overlap);
             row.component = Some(pose.component);
             row.step = Some(pose.step);
-            row.outcome = if pose.parent.is_some() { "placed" } else { "pivot" };
+            row.outcome = if pose.parent.is_some() { "placed" } else { "pivot" }.to_owned();
             if let Some(parent) = pose.parent {
                 row.parent = all.get(parent).map(|e| e.name.clone());
                 row.matches = Some(pose.matches);

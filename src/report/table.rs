@@ -102,8 +102,9 @@ fn share(value: Option<f64>) -> String {
     value.map(|v| format!("{v:.2}")).unwrap_or_default()
 }
 
-fn drawn(columns: &[(&str, Vec<String>)], width: Option<u16>) -> String {
-    const TEXT: [&str; 5] = ["scan", "outcome", "parent", "reason", "truth"];
+/// A table of columns, each a head and its cells; all but those of text are aligned right.
+pub(super) fn drawn(columns: &[(&str, Vec<String>)], width: Option<u16>) -> String {
+    const TEXT: [&str; 8] = ["scan", "outcome", "parent", "reason", "truth", "file", "tensor", "type"];
     let mut table = Table::new();
     table.load_style(STYLE).set_content_arrangement(ContentArrangement::Dynamic);
     if let Some(width) = width {

@@ -1,0 +1,97 @@
+//! `report.html`: one file that shows a registration in any browser, without a network.
+//!
+//! `page.html` is built from `scripts/viewer/` (scripts/build-viewer.sh) and holds three.js, the
+//! viewer and their style; its content security policy lets nothing else run. Here the data of one
+//! run is put into it, as JSON that no browser takes for markup.
+
+mod agreement;
+mod data;
+mod points;
+mod wording;
+
+pub use points::MOST_POINTS;
+pub use wording::headline;
+
+use super::poses::Document;
+use super::run::RunReport;
+use crate::error::{Error, Result};
+use crate::evaluation::pose_error::PoseReport;
+use crate::scan::{PointCloud, SimilarityMatrix, Surface};
+
+const TEMPLATE: &str = include_str!("page.html");
+
+/// What a page is made from; everything is in the order of the scans.
+#[derive(Debug, Clone, Copy)]
+pub struct Input<'a> {
+    /// The verdicts.
+    pub poses: &'a Document,
+    /// What the run took and worked with.
+    pub run: &'a RunReport,
+    /// The effective settings, as TOML.
+    pub config: &'a str,
+    /// Predicted overlap, where it is known.
+    pub similarity: Option<&'a SimilarityMatrix>,
+    /// Points of every scan; a scan whose points are not at hand has an empty cloud.
+    pub clouds: &'a [&'a PointCloud],
+    /// The same scans, thinned, with normals.
+    pub surfaces: &'a [Surface],
+    /// Errors of the placed scans, where the truth is known.
+    pub truth: Option<&'a PoseReport>,
+}
+
+/// The whole page. The same input gives the same bytes on any number of threads.
+///
+/// # Errors
+/// [`Error::Input`] when the lists are not of one length.
+pub fn page(input: &Input<'_>) -> Result<String> {
+    let n = input.poses.scans.len();
+    let similar = input.similarity.map_or(n, SimilarityMatrix::len);
+    let lengths = [input.clouds.len(), input.surfaces.len(), input.run.evidence.len(), similar];
+    if lengths.iter().any(|&length| length != n) {
+        return Err(Error::input(
+            "report.html",
+            format!("{n} poses for {lengths:?} clouds, surfaces, rows of evidence and similarities"),
+            "one of each a scan",
+            "make the report from the files of one run",
+        ));
+    }
+    let headline = headline(input.poses);
+    let json = script_text(&data::Data::new(input, &headline).to_json());
+    Ok(filled(&[("headline", &escaped(&headline)), ("data", &json)]))
+}
+
+/// The template with the values in the place of its marks, which stand in the same order.
+fn filled(values: &[(&str, &str)]) -> String {
+    let mut page = String::with_capacity(TEMPLATE.len() + values.iter().map(|v| v.1.len()).sum::<usize>());
+    let mut rest = TEMPLATE;
+    for (name, value) in values {
+        // A mark is looked for in the template only, never in a value.
+        if let Some((before, after)) = rest.split_once(&format!("<!--{name}-->")) {
+            page.push_str(before);
+            page.push_str(value);
+            rest = after;
+        }
+    }
+    page + rest
+}
+
+/// JSON as the content of a `<script type="application/json">`: nothing in it can end the
+/// element or begin another. These characters occur only inside strings, where escapes mean the same.
+fn script_text(json: &str) -> String {
+    let mut text = String::with_capacity(json.len() + json.len() / 64);
+    for c in json.chars() {
+        match c {
+            '<' | '>' | '&' | '\u{2028}' | '\u{2029}' => text.push_str(&format!("\\u{:04x}", c as u32)),
+            c => text.push(c),
+        }
+    }
+    text
+}
+
+/// Text as the content of an HTML element.
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
+
+#[cfg(test)]
+mod tests;
