@@ -154,7 +154,9 @@ impl Assembly<'_> {
     pub fn finish(self) -> Vec<Finished> {
         let offered = |id: ComponentId| {
             let links = self.links.iter().filter(|(key, _)| key.0 == id || key.1 == id);
-            let best = links.filter_map(|(_, link)| link.best());
+            // The last refinement may have made links anew: then they are looked at once more.
+            let best = links
+                .filter_map(|(key, link)| link.best().or_else(|| self.assess(*key, link).first().copied()));
             best.max_by(|x, y| x.0.probability().total_cmp(&y.0.probability()))
                 .map_or_else(Support::default, |a| a.0.support)
         };
