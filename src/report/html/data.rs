@@ -72,12 +72,17 @@ struct HoldData {
     weakest_link: Option<(usize, usize, f64)>,
 }
 
+/// The same to six digits: what is computed from poses.json read back may differ in the last ones.
+fn significant(value: f64) -> f64 {
+    format!("{value:.5e}").parse().unwrap_or(value)
+}
+
 impl HoldData {
     fn new(hold: &Hold) -> Self {
         let deviation = hold.deviation();
         Self {
-            deviation_deg: deviation.map(|d| d.0),
-            deviation_m: deviation.map(|d| d.1),
+            deviation_deg: deviation.map(|d| significant(d.0)),
+            deviation_m: deviation.map(|d| significant(d.1)),
             weakest_link: hold.weakest_link.map(|l| (l.scans.0.0, l.scans.1.0, l.probability)),
         }
     }
