@@ -137,7 +137,7 @@ impl Assembly<'_> {
     }
 
     /// Pairs of scans of different components that were not registered yet: for every scan outside the
-    /// largest component the [`LOOKED_AT`] most similar ones, so that their number does not grow with
+    /// largest component the sixty most similar ones, so that their number does not grow with
     /// the square of that of the scans.
     pub fn unseen_pairs(&self, similarity: &SimilarityMatrix) -> Vec<(ScanId, ScanId)> {
         let seen: BTreeSet<(ScanId, ScanId)> = self.pairs.iter().map(|p| (p.i, p.j)).collect();
