@@ -44,7 +44,6 @@ type Blocks = HashMap<u64, u32, std::hash::BuildHasherDefault<KeyHasher>>;
 ///
 /// Holds indices only: the points stay where they are and must not change.
 pub struct NearestMap {
-    radius_m: f32,
     per_metre: f32,
     /// Lowest corner of the points' box: voxels are counted from there.
     origin: Point,
@@ -59,7 +58,7 @@ impl NearestMap {
         let origin =
             if points.is_empty() { Point::origin() } else { low - nalgebra::Vector3::repeat(radius_m) };
         let per_metre = VOXELS_PER_RADIUS / radius_m;
-        let mut map = Self { radius_m, per_metre, origin, blocks: Blocks::default(), nearest: Vec::new() };
+        let mut map = Self { per_metre, origin, blocks: Blocks::default(), nearest: Vec::new() };
         // Block by block: the blocks around are found once for all points of one.
         let mut order: Vec<([i32; 3], u32)> =
             points.iter().zip(0..).map(|(p, i)| (map.voxel(p).map(|v| v.div_euclid(SIDE)), i)).collect();
@@ -74,11 +73,6 @@ impl NearestMap {
         }
         map.nearest.shrink_to_fit();
         map
-    }
-
-    /// The radius, metres.
-    pub fn radius_m(&self) -> f32 {
-        self.radius_m
     }
 
     /// Voxel that a place lies in.

@@ -65,8 +65,8 @@ impl Assessor<'_> {
         for proposal in proposals {
             let fitted = self.fit_matches(a, b, proposal, matches);
             let inliers = matches.count(&fitted, self.radius_m);
-            let worthwhile =
-                inliers * RIVAL >= most && (most == 0 || !self.is_hopeless(a, b, &fitted, matches));
+            let worthwhile = inliers * RIVAL >= most
+                && (most == 0 || !self.is_hopeless(a, b, &fitted, matches.len(), inliers));
             most = most.max(inliers);
             let motion = if worthwhile {
                 align(a, b, &fitted, self.config.evidence.align_rounds, self.align_stride(a, b))
@@ -99,7 +99,8 @@ impl Assessor<'_> {
         a: &[Posed<'_>],
         b: &[Posed<'_>],
         proposal: &RigidMotion,
-        matches: &Correspondences,
+        matches: usize,
+        inliers: usize,
     ) -> bool {
         /// Probability, without any rival, below which nothing is expected of the alignment.
         const HOPELESS: f64 = 1e-3;
@@ -109,8 +110,7 @@ impl Assessor<'_> {
         if a.len() + b.len() > 2 {
             return false;
         }
-        let inliers = matches.count(proposal, self.radius_m);
-        let glance = support_of(&surface_fit(a, b, proposal, STRIDE), matches.len(), inliers, 0);
+        let glance = support_of(&surface_fit(a, b, proposal, STRIDE), matches, inliers, 0);
         evidence::probability(&glance, &self.config.evidence.weights, self.sight_trusted) < HOPELESS
     }
 

@@ -70,8 +70,8 @@ impl<'a> ScanModel<'a> {
         /// Every n-th of the compared points.
         const STRIDE: usize = 4;
         let mover = PointMover::new(self_from_other);
-        let points = other.sample.iter().step_by(STRIDE).map(|&i| &other.surface.points[i as usize]);
-        points.into_iter().any(|p| self.near(&mover.point(p), self.radius_m).is_some())
+        let mut points = other.sample.iter().step_by(STRIDE).map(|&i| &other.surface.points[i as usize]);
+        points.any(|p| self.near(&mover.point(p), self.radius_m).is_some())
     }
 
     /// A point of the surface within `radius_m` of a place in the scan's frame, and (up to a voxel of

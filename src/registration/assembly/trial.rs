@@ -49,7 +49,7 @@ impl Assembly<'_> {
         for (key, assessment, pair) in self.worth_trying() {
             self.tried.insert(self.state_of(key));
             let proposal = Proposal { a: key.0, b: key.1, assessment, pair };
-            if let Some(trial) = self.tried(key, proposal, &coarse, monitor)? {
+            if let Some(trial) = self.try_out(key, proposal, &coarse, monitor)? {
                 tracing::debug!("trial {}: then {:?}", self.describe(&proposal), trial.support);
                 trials.push(trial);
             }
@@ -107,7 +107,7 @@ impl Assembly<'_> {
     }
 
     /// Makes a join on the side, refines all its poses, and measures how the two sides then sit.
-    fn tried(
+    fn try_out(
         &self,
         key: (ComponentId, ComponentId),
         proposal: Proposal,
