@@ -178,6 +178,24 @@ fn resuming_gives_the_bytes_of_a_run_that_was_never_interrupted() {
     assert_eq!(std::fs::read_dir(resumed.path()).unwrap().count(), 4);
 }
 
+/// A run that dies before its state is written does the epoch again: the log must not lack it.
+#[test]
+fn the_log_is_written_before_the_state_it_belongs_to() {
+    /// Puts a folder where the state would go.
+    struct Blocked(std::path::PathBuf);
+    impl Monitor for Blocked {
+        fn advance(&self, _: usize) {
+            std::fs::create_dir_all(self.0.join("in the way")).unwrap();
+        }
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let last = folder.path().join("last.safetensors");
+    let message = train(&data(), &config(), folder.path(), false, &Blocked(last.clone())).unwrap_err();
+    assert!(message.to_string().contains("last.safetensors"), "{message}");
+    let log = String::from_utf8(bytes(folder.path(), "metrics.jsonl")).unwrap();
+    assert_eq!(log.matches(r#""kind":"epoch""#).count(), 1, "{log}");
+}
+
 #[test]
 fn what_cannot_be_resumed_says_why() {
     let (data, config) = (data(), TrainConfig { epochs: 1, ..config() });

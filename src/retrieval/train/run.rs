@@ -195,11 +195,8 @@ impl<'a> Run<'a> {
                 self.metrics.insert(BEST.into(), spearman);
             }
         }
-        // Best before last: a run killed in between does the epoch again and writes the same best.
-        if improved {
-            self.checkpoint(None).save(&self.best)?;
-        }
-        self.checkpoint(Some(self.learner.state.clone())).save(&self.last)?;
+        // The state to go on from is written last: a run killed before it does the epoch again,
+        // writes the same best, and drops from the log what came after the state.
         self.journal.records.push(Record::Epoch {
             epoch: self.epoch,
             loss,
@@ -208,7 +205,11 @@ impl<'a> Run<'a> {
             outside_share: clock.outside_share(),
             validation,
         });
-        self.journal.save()
+        self.journal.save()?;
+        if improved {
+            self.checkpoint(None).save(&self.best)?;
+        }
+        self.checkpoint(Some(self.learner.state.clone())).save(&self.last)
     }
 
     fn checkpoint(&self, optimizer: Option<OptimizerState>) -> Checkpoint {

@@ -195,7 +195,10 @@ impl<'a> Run<'a> {
             }
         }
         let checkpoint = self.checkpoint();
-        // Best before last: a run killed in between does the steps again and writes the same best.
+        // The state to go on from is written last: a run killed before it does the steps again,
+        // writes the same best, and drops from the log what came after the state.
+        self.records.push(record);
+        self.write_log()?;
         if improved {
             checkpoint.save(&self.best)?;
         }
@@ -206,9 +209,7 @@ impl<'a> Run<'a> {
                 arrays.insert(format!("optimizer.{p}.{name}"), Array::new(&[values.len()], values.clone()));
             }
         }
-        tensor_file::save(&self.last, &checkpoint.meta, &arrays)?;
-        self.records.push(record);
-        self.write_log()
+        tensor_file::save(&self.last, &checkpoint.meta, &arrays)
     }
 
     fn checkpoint(&self) -> Checkpoint {

@@ -200,3 +200,22 @@ fn a_resumed_run_equals_one_that_never_stopped_and_the_loss_falls() {
     let less = PairData { valid: vec![], ..data.clone() };
     assert!(message(&config, &less, true).contains("other patches"));
 }
+
+/// A run that dies before its state is written does the steps again: the log must not lack them.
+#[test]
+fn the_log_is_written_before_the_state_it_belongs_to() {
+    /// Puts a folder where the state would go.
+    struct Blocked(std::path::PathBuf);
+    impl crate::monitor::Monitor for Blocked {
+        fn advance(&self, _: usize) {
+            std::fs::create_dir_all(self.0.join("in the way")).unwrap();
+        }
+    }
+    let config = config();
+    let folder = tempfile::tempdir().unwrap();
+    let last = folder.path().join("last.safetensors");
+    let message = train(&data(&config), &config, folder.path(), false, &Blocked(last.clone())).unwrap_err();
+    assert!(message.to_string().contains("last.safetensors"), "{message}");
+    let log = std::fs::read_to_string(folder.path().join("metrics.jsonl")).unwrap();
+    assert_eq!(log.lines().count(), 1, "{log}");
+}
