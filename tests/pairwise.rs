@@ -78,6 +78,7 @@ fn the_median_distance_is_that_of_the_surfaces_where_they_overlap() {
             .collect(),
         normals: vec![Direction::z(); length * 40],
         viewpoint: Point::new(0.5, 0.5, 1.0),
+        ..Surface::default()
     };
     let (near, far) = (floor(40, 0.0), floor(120, 0.03));
     let inputs = [&near, &far].map(|surface| ScanInput { features: &features, surface });

@@ -206,7 +206,7 @@ mod tests {
         let r: Reference = serde_json::from_str(text).unwrap();
         let points = r.points.into_iter().map(Point::from).collect();
         let normals = r.normals.into_iter().map(Direction::from).collect();
-        (Surface { points, normals, viewpoint: Point::origin() }, r.radius, r.fpfh)
+        (Surface { points, normals, ..Surface::default() }, r.radius, r.fpfh)
     }
 
     /// Histograms of the surface's own points, as Open3D has it.

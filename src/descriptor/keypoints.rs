@@ -130,7 +130,7 @@ mod tests {
             );
         }
         let normals = vec![Direction::z(); points.len()];
-        Surface { points, normals, viewpoint: Point::origin() }
+        Surface { points, normals, ..Surface::default() }
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::scale::WorkingScale;
 use crate::geometry::neighbours::RadiusGrid;
-use crate::geometry::voxel::voxel_means;
+use crate::geometry::voxel::{VoxelGroups, voxel_means};
 use crate::geometry::{Direction, Point};
 use crate::scan::{PointCloud, Surface};
 use nalgebra::{Matrix3, Vector3};
@@ -13,7 +13,22 @@ use rayon::prelude::*;
 pub fn thin(cloud: &PointCloud, scale: &WorkingScale) -> Surface {
     let points = voxel_means(&cloud.points, scale.voxel_m as f32);
     let normals = normals(&points, &cloud.viewpoint, scale.normal_radius_m as f32);
-    Surface { points, normals, viewpoint: cloud.viewpoint }
+    let shades = match &cloud.colors {
+        Some(colors) => shades(&VoxelGroups::new(&cloud.points, scale.voxel_m as f32), colors),
+        None => Vec::new(),
+    };
+    Surface { points, normals, viewpoint: cloud.viewpoint, shades }
+}
+
+/// Mean brightness of every group of points in `[0, 1]`: luma of the colours as they are stored
+/// (ITU-R BT.601).
+fn shades(groups: &VoxelGroups, colors: &[[u8; 3]]) -> Vec<f32> {
+    const LUMA: [f32; 3] = [0.299, 0.587, 0.114];
+    let luma = |color: [u8; 3]| color.iter().zip(LUMA).map(|(&c, w)| w * f32::from(c)).sum::<f32>() / 255.0;
+    let mean = |group: &[u32]| {
+        group.iter().map(|&i| luma(colors[i as usize])).sum::<f32>() / group.len().max(1) as f32
+    };
+    groups.iter().map(mean).collect()
 }
 
 /// Unit normals of `points` `[n,3]` by principal components of their neighbours within

@@ -246,6 +246,9 @@ pub struct JointConfig {
     /// Whether contradictions around loops are spread by matched points first (strategy
     /// `assemble`).
     pub close_loops: bool,
+    /// What a difference from black to white counts as in the last radius, in units of τ, where both
+    /// scans have colour; 0 does not look at colour.
+    pub colour: f64,
 }
 
 impl Default for JointConfig {
@@ -259,6 +262,7 @@ impl Default for JointConfig {
             points_per_scan: 1500,
             growth: 1.5,
             close_loops: true,
+            colour: 1.0,
         }
     }
 }

@@ -17,6 +17,7 @@ pub mod pairs;
 pub mod pairwise;
 pub mod refinement;
 pub mod scan_model;
+mod shade;
 pub mod surface_fit;
 
 pub use config::RegistrationConfig;

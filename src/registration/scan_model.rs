@@ -2,6 +2,7 @@
 //! sample, a bounding sphere, and how far it saw in every direction.
 
 use super::config::RegistrationConfig;
+use super::shade;
 use crate::geometry::nearest_map::NearestMap;
 use crate::geometry::rigid::PointMover;
 use crate::geometry::{Direction, Point, RigidMotion};
@@ -28,6 +29,8 @@ pub struct ScanModel<'a> {
     coarse: OnceLock<NearestMap>,
     /// The largest radius that will be asked for, metres.
     widest_m: f32,
+    /// How the shade changes along the surface; made when first asked for.
+    slopes: OnceLock<Vec<Direction>>,
 }
 
 impl<'a> ScanModel<'a> {
@@ -62,7 +65,16 @@ impl<'a> ScanModel<'a> {
             fine: NearestMap::new(&surface.points, radius_m),
             coarse: OnceLock::new(),
             widest_m,
+            slopes: OnceLock::new(),
         }
+    }
+
+    /// Slope of the shade at every point of the surface, per metre; zero everywhere without colour.
+    pub(super) fn slopes(&self) -> &[Direction] {
+        self.slopes.get_or_init(|| match self.surface.shades.is_empty() {
+            true => vec![Direction::zeros(); self.surface.len()],
+            false => shade::slopes(self.surface, self.radius_m),
+        })
     }
 
     /// Whether any of a few points of the other scan's surface lies within τ of this one's.
@@ -146,7 +158,7 @@ mod tests {
         let points: Vec<Point> = (0..6400)
             .map(|i| Point::new(3.0, (i % 80) as f32 * 0.05 - 2.0, (i / 80) as f32 * 0.05 - 2.0))
             .collect();
-        Surface { normals: vec![-Direction::x(); points.len()], points, viewpoint: Point::origin() }
+        Surface { normals: vec![-Direction::x(); points.len()], points, ..Surface::default() }
     }
 
     #[test]

@@ -347,6 +347,7 @@ mod tests {
                 .collect(),
             normals: vec![Direction::z(); 1600],
             viewpoint: Point::new(0.0, 0.0, 1.5),
+            ..Surface::default()
         }
     }
 

@@ -11,6 +11,8 @@ pub struct Surface {
     pub normals: Vec<Direction>,
     /// Where the sensor stood, in the scan's frame.
     pub viewpoint: Point,
+    /// `[n]` brightness of each point in `[0, 1]`; empty where the scan has no colour.
+    pub shades: Vec<f32>,
 }
 
 impl Surface {

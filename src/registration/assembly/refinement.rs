@@ -44,6 +44,7 @@ impl Assembly<'_> {
             points_per_scan: (joint.points_per_scan / 4).max(1),
             radii: joint.radii.iter().copied().filter(|&r| r >= 1.0).collect(),
             rounds: 2,
+            colour: 0.0,
             ..joint.clone()
         }
     }

@@ -91,6 +91,7 @@ mod tests {
             normals: vec![Vector3::z(); points.len()],
             points: points.clone(),
             viewpoint: Point::new(0.0, 0.0, 1.0),
+            ..Surface::default()
         };
         let touching =
             |scan| NeighbourEvidence { scan: crate::scan::ScanId(scan), overlap: 0.5, residual_m: 0.02 };

@@ -42,7 +42,11 @@ fn scene(seed: u64) -> Vec<PosedSurface> {
             (0..10_000).map(at).map(|(x, y)| back * Point::new(x, y, height(x, y))).collect();
         let viewpoint = back * Point::new(0.0, 0.0, 3.0);
         let normals = crate::descriptor::surface::normals(&points, &viewpoint, 0.1);
-        PosedSurface { surface: Surface { points, normals, viewpoint }, viewpoint, world_from_scan }
+        PosedSurface {
+            surface: Surface { points, normals, viewpoint, ..Surface::default() },
+            viewpoint,
+            world_from_scan,
+        }
     };
     poses.into_iter().map(scan).collect()
 }

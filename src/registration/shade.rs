@@ -1,0 +1,149 @@
+//! Colour as evidence in the joint refinement.
+//!
+//! Along a flat wall distances to tangent planes do not change; what is painted on it does. After
+//! Park, Zhou & Koltun, "Colored point cloud registration revisited" (ICCV 2017): the shade of a
+//! surface is continued over the tangent plane of each of its points by a slope, and a point of the other
+//! scan should have the shade that is found there. Scans may be exposed differently: the mean
+//! difference of two scans' shades says nothing.
+
+use super::scan_model::ScanModel;
+use crate::geometry::neighbours::RadiusGrid;
+use crate::geometry::{Direction, Point};
+use crate::scan::Surface;
+use nalgebra::{Matrix2, Vector2};
+use rayon::prelude::*;
+
+/// Difference of shades beyond which two points do not show the same thing.
+const UNLIKE: f32 = 0.3;
+/// Normals further apart than 45° do not belong to the same surface.
+const MIN_NORMAL_COSINE: f32 = std::f32::consts::FRAC_1_SQRT_2;
+
+/// A point of one scan on the surface of another.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Touch {
+    /// The point in the frame of the other scan.
+    pub place: Point,
+    /// Its shade.
+    pub shade: f32,
+    /// The point of the other surface that is nearest.
+    pub nearest: usize,
+}
+
+/// What a touch says of the motion between the scans, in the other scan's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct ShadeResidual {
+    /// Shade expected where the point lies, less its own.
+    pub residual: f32,
+    /// How that changes with the place, per metre.
+    pub slope: Direction,
+    /// Tukey's biweight.
+    pub weight: f32,
+}
+
+/// Residuals of touches between two scans, which know their shades.
+pub(super) fn residuals(touches: &[Touch], model: &ScanModel<'_>) -> Vec<(Point, ShadeResidual)> {
+    let (surface, slopes) = (model.surface, model.slopes());
+    let raw: Vec<f32> = touches
+        .iter()
+        .map(|t| {
+            let q = t.nearest;
+            surface.shades[q] + slopes[q].dot(&(t.place - surface.points[q])) - t.shade
+        })
+        .collect();
+    // Of what could be the same thing: a bright lamp must not shift all others.
+    let mut sorted = raw.clone();
+    sorted.sort_unstable_by(f32::total_cmp);
+    let middle = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let like: Vec<f32> = raw.iter().copied().filter(|r| (r - middle).abs() < UNLIKE).collect();
+    let exposure = like.iter().sum::<f32>() / like.len().max(1) as f32;
+    let residual = |(touch, raw): (&Touch, f32)| {
+        let residual = raw - exposure;
+        let weight = (1.0 - (residual / UNLIKE).powi(2)).max(0.0).powi(2);
+        (touch.place, ShadeResidual { residual, slope: slopes[touch.nearest], weight })
+    };
+    touches.iter().zip(raw).map(residual).collect()
+}
+
+/// Slope of the shade along the tangent plane of every point, per metre: least squares over neighbours
+/// within `radius_m` that face the same way. Zero where a point has no normal or too few neighbours.
+///
+/// The surface must know its shades.
+pub(super) fn slopes(surface: &Surface, radius_m: f32) -> Vec<Direction> {
+    let grid = RadiusGrid::new(&surface.points, radius_m);
+    (0..surface.len()).into_par_iter().map(|at| slope(surface, &grid, at).unwrap_or_default()).collect()
+}
+
+fn slope(surface: &Surface, grid: &RadiusGrid<'_>, at: usize) -> Option<Direction> {
+    /// Neighbours that fix a slope.
+    const FEWEST: usize = 5;
+    let (p, n) = (surface.points[at], surface.normals[at]);
+    if n == Direction::zeros() {
+        return None;
+    }
+    let u = n.cross(&Direction::ith(n.iamin(), 1.0)).normalize();
+    let v = n.cross(&u);
+    let (mut square, mut right, mut count) = (Matrix2::<f64>::zeros(), Vector2::<f64>::zeros(), 0);
+    grid.for_each_within(&p, |k, _| {
+        if k != at && surface.normals[k].dot(&n) >= MIN_NORMAL_COSINE {
+            let d = surface.points[k] - p;
+            let on_plane = Vector2::new(f64::from(u.dot(&d)), f64::from(v.dot(&d)));
+            square += on_plane * on_plane.transpose();
+            right += on_plane * f64::from(surface.shades[k] - surface.shades[at]);
+            count += 1;
+        }
+    });
+    if count < FEWEST {
+        return None;
+    }
+    // Neighbours on a line fix the slope along it only.
+    let ridge = 1e-3 * square.trace();
+    let fitted = (square + Matrix2::identity() * ridge).cholesky()?.solve(&right).cast::<f32>();
+    Some(u * fitted.x + v * fitted.y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::registration::config::RegistrationConfig;
+
+    /// A tilted plane whose shade rises by `rise` a metre.
+    fn ramp(rise: Direction) -> (Surface, Direction) {
+        let (u, v) = (Direction::new(2.0, 1.0, -2.0) / 3.0, Direction::new(2.0, -2.0, 1.0) / 3.0);
+        let normal = u.cross(&v);
+        let points: Vec<Point> =
+            (0..1600).map(|i| Point::from(u * (i % 40) as f32 * 0.02 + v * (i / 40) as f32 * 0.02)).collect();
+        let shades = points.iter().map(|p| 0.5 + rise.dot(&p.coords)).collect();
+        let surface = Surface { normals: vec![normal; points.len()], points, shades, ..Surface::default() };
+        (surface, normal)
+    }
+
+    #[test]
+    fn the_slope_of_a_ramp_is_its_rise_along_the_plane() {
+        let rise = Direction::new(0.3, -0.2, 0.4);
+        let (surface, normal) = ramp(rise);
+        let expected = rise - normal * rise.dot(&normal);
+        for slope in slopes(&surface, 0.07) {
+            assert!((slope - expected).norm() < 5e-3 * expected.norm(), "{slope} {expected}");
+        }
+    }
+
+    #[test]
+    fn exposure_says_nothing_and_what_is_unlike_does_not_count() {
+        let rise = Direction::new(0.3, -0.2, 0.4);
+        let (surface, _) = ramp(rise);
+        let model = ScanModel::new(&surface, 0.07, &RegistrationConfig::default());
+        // The same points a little brighter, and one lamp.
+        let mut touches: Vec<Touch> = (0..1600)
+            .map(|k| Touch { place: surface.points[k], shade: surface.shades[k] + 0.1, nearest: k })
+            .collect();
+        touches[7].shade = 5.0;
+        let found = residuals(&touches, &model);
+        for (k, (_, r)) in found.iter().enumerate() {
+            if k == 7 {
+                assert_eq!(r.weight, 0.0);
+            } else {
+                assert!(r.residual.abs() < 1e-5 && r.weight > 0.999, "{k}: {r:?}");
+            }
+        }
+    }
+}
