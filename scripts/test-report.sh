@@ -12,6 +12,12 @@ trap 'rm -rf "$REPORTS"' EXIT
 "$scanweave" synth -q --scans 5 --unrelated 1 --rooms 1 --noise 0.3 -o "$REPORTS/scans"
 "$scanweave" register -q "$REPORTS/scans" -o "$REPORTS/plain"
 
+# The same result where its scans are no more.
+cp -r "$REPORTS/plain" "$REPORTS/gone"
+mv "$REPORTS/scans" "$REPORTS/scans-moved"
+"$scanweave" report -q "$REPORTS/gone" 2>/dev/null
+mv "$REPORTS/scans-moved" "$REPORTS/scans"
+
 # Names as an attacker would choose them. A name cannot hold a slash: a folder lends it one.
 "$scanweave" synth -q --scans 4 --rooms 1 --noise 0.3 -o "$REPORTS/more"
 odd="$REPORTS/odd"

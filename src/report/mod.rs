@@ -6,6 +6,7 @@ pub mod grid;
 pub mod growth_tree;
 pub mod html;
 pub mod inspect;
+mod markup;
 pub mod merged;
 pub mod overlaps;
 pub mod poses;
