@@ -11,5 +11,6 @@ pub mod merged;
 pub mod overlaps;
 pub mod poses;
 pub mod run;
+pub mod sheet;
 pub mod table;
 pub mod top_view;
