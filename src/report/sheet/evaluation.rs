@@ -15,7 +15,8 @@ use std::collections::BTreeMap;
 
 /// Points along a distribution curve.
 const STEPS: usize = 200;
-/// A plot goes on until it holds this share of the errors that are known.
+/// A plot goes on to the round number within which this share of the known errors lies, but not
+/// beyond the greatest limit of the ScanNet protocol.
 const SHOWN: f64 = 0.97;
 /// Longer lists of failed pairs are folded.
 const MOST_PAIRS: usize = 12;
@@ -163,13 +164,14 @@ fn errors(all: &Evaluation) -> Result<Option<Section>> {
     }
     let all_scans: usize = judged().map(|p| p.total).sum();
     let all_pairs: usize = judged().map(|p| p.total * p.total.saturating_sub(1) / 2).sum();
-    let panel = |title: &str, unit: &str, limits: [f64; 5], of: fn(&PoseError) -> f64| {
+    let panel = |title: &str, unit: &str, greatest: f64, of: fn(&PoseError) -> f64| {
         let values =
             |errors: &[PoseError]| -> Vec<f64> { errors.iter().map(of).filter(|v| v.is_finite()).collect() };
         let (scans, pairs) = (values(&scans), values(&pairs));
         let fits =
             |limit: f64| [&scans, &pairs].into_iter().all(|v| within(v, limit) >= SHOWN * v.len() as f64);
-        let most = limits.into_iter().find(|&l| fits(l)).unwrap_or(limits[4]);
+        let round = (-3..3).flat_map(|power| [1.0, 2.0, 5.0].map(|digit| digit * 10f64.powi(power)));
+        let most = round.take_while(|&l| l < greatest).find(|&l| fits(l)).unwrap_or(greatest);
         let curve = |name: &str, values: &[f64], total: usize| Series {
             name: name.to_owned(),
             points: (0..=STEPS)
@@ -189,8 +191,8 @@ fn errors(all: &Evaluation) -> Result<Option<Section>> {
         }
     };
     let panels = [
-        panel("rotation error", "degrees", ROTATION_THRESHOLDS_DEG, |e| e.rotation_deg),
-        panel("translation error", "metres", TRANSLATION_THRESHOLDS_M, |e| e.translation_m),
+        panel("rotation error", "degrees", ROTATION_THRESHOLDS_DEG[4], |e| e.rotation_deg),
+        panel("translation error", "metres", TRANSLATION_THRESHOLDS_M[4], |e| e.translation_m),
     ];
     let caption = format!(
         "Share of {} (each in a frame fitted to its model) and of {} whose error is at most that far; those \
