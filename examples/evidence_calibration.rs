@@ -1,14 +1,15 @@
 //! Fits the weights of the evidence model to relative poses whose truth is known.
 //!
-//! Usage: `cargo run --release --example evidence_calibration -- [--keypoints N]… [--features DIR] SCENE…`
+//! Usage: `cargo run --release --example evidence_calibration -- [--keypoints N]… [--features DIR] [--table FILE] SCENE…`
 //!
 //! Each SCENE is a folder of scans with true poses; features are computed, or read from
-//! `DIR/<scene>/<scan>.npz`. Scans are registered with the 25 most similar ones, two scans of every
-//! other place among them. Random groups of one to sixteen overlapping scans, at poses a little off the
+//! `DIR/<scene>/<scan>.npz`. Scans are registered with the 25 most similar ones, a group of scans of
+//! every other place among them. Random groups of one to sixteen overlapping scans, at poses a little off the
 //! truth, are then compared as the registration does it. A proposed relative pose is right when it
 //! is within 5° and 3τ of the truth at the centre of the second group; what lies between that and
 //! 10°, 6τ is left out. Prints for every scene what weights fitted without it make of it (log loss,
 //! how often a probability above a threshold is right, reliability), and the weights for all.
+//! `--table` writes what was measured of every proposal as CSV.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use rand::seq::SliceRandom;
@@ -29,14 +30,14 @@ use scanweave::registration::incremental::{Lengths, ScanInput};
 use scanweave::registration::pairs::{PairRegistration, most_similar_pairs};
 use scanweave::registration::scan_model::ScanModel;
 use scanweave::retrieval::similarity_of;
-use scanweave::scan::{Features, ScanId, SimilarityMatrix, Surface};
+use scanweave::scan::{Features, ScanId, SimilarityMatrix, Support, Surface};
 use std::path::{Path, PathBuf};
 
 /// Rounds of random groups per scene and keypoint count.
 const ROUNDS: usize = 8;
-/// Scans of every other scene that are compared with the scene.
-const STRANGERS: usize = 2;
-const PREDICTORS: usize = 9;
+/// Scans of every other place, at most, that are compared with the scene: alone and as a group.
+const STRANGERS: usize = 8;
+const PREDICTORS: usize = 10;
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -53,10 +54,13 @@ struct Scene {
 struct Example {
     x: [f64; PREDICTORS],
     right: bool,
+    support: Support,
+    /// Scans of the two groups.
+    sizes: (usize, usize),
 }
 
 fn main() -> Result<(), Failure> {
-    let (mut counts, mut folders, mut given) = (Vec::new(), Vec::new(), None);
+    let (mut counts, mut folders, mut given, mut table) = (Vec::new(), Vec::new(), None, None);
     let mut arguments = std::env::args().skip(1);
     while let Some(a) = arguments.next() {
         match a.as_str() {
@@ -64,6 +68,7 @@ fn main() -> Result<(), Failure> {
                 counts.push(arguments.next().ok_or("--keypoints needs a number")?.parse::<usize>()?)
             }
             "--features" => given = Some(PathBuf::from(arguments.next().ok_or("--features needs a folder")?)),
+            "--table" => table = Some(PathBuf::from(arguments.next().ok_or("--table needs a file")?)),
             _ => folders.push(a),
         }
     }
@@ -80,6 +85,9 @@ fn main() -> Result<(), Failure> {
         eprintln!("{}: {} proposals", scenes[s].name, of_scene.len());
         examples.push(of_scene);
     }
+    if let Some(path) = table {
+        std::fs::write(path, csv(&scenes, &examples))?;
+    }
     for (held, scene) in scenes.iter().enumerate() {
         let rest = examples.iter().enumerate().filter(|e| e.0 != held).flat_map(|e| e.1);
         report(&scene.name, &examples[held], &fit(rest));
@@ -88,6 +96,24 @@ fn main() -> Result<(), Failure> {
     report("all, on themselves", &examples.concat(), &weights);
     println!("{:#?}", EvidenceWeights::from_array(weights));
     Ok(())
+}
+
+fn csv(scenes: &[Scene], examples: &[Vec<Example>]) -> String {
+    let mut lines = String::from(
+        "scene,right,scans_a,scans_b,matches,inliers,runner_up,overlap,normal_agreement,plane_residual,\
+         violation,stiffness,chance\n",
+    );
+    for (scene, of_scene) in scenes.iter().zip(examples) {
+        for Example { right, support: s, sizes: (a, b), .. } in of_scene {
+            let shares =
+                [s.overlap, s.normal_agreement, s.plane_residual, s.violation, s.stiffness, s.chance];
+            let shares = shares.map(|x| x.to_string()).join(",");
+            let (right, name) = (u8::from(*right), &scene.name);
+            let counts = [*a, *b, s.matches, s.inliers, s.runner_up].map(|n| n.to_string()).join(",");
+            lines += &format!("{name},{right},{counts},{shares}\n");
+        }
+    }
+    lines
 }
 
 fn read(folder: &str, given: Option<&Path>) -> Result<Scene, Failure> {
@@ -120,11 +146,16 @@ fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Fai
     let n = scene.features.len();
     let mut rng = ChaCha8Rng::seed_from_u64(count as u64);
     rng.set_stream(s as u64);
-    let strangers: Vec<(usize, usize)> = (0..scenes.len())
+    // A connected group of every other place: each scan after the first overlaps one before it.
+    let elsewhere: Vec<(usize, Vec<(ScanId, RigidMotion)>)> = (0..scenes.len())
         .filter(|&o| place(&scenes[o].name) != place(&scene.name))
-        .flat_map(|o| (0..STRANGERS).map(move |_| o))
-        .map(|o| (o, rng.random_range(0..scenes[o].features.len())))
+        .map(|o| {
+            let mut taken = vec![false; scenes[o].features.len()];
+            (o, random_group(&scenes[o], &mut taken, STRANGERS..=STRANGERS, &mut rng))
+        })
         .collect();
+    let strangers: Vec<(usize, usize)> =
+        elsewhere.iter().flat_map(|(o, members)| members.iter().map(|m| (*o, m.0.0))).collect();
     let all = scene.features.iter().chain(strangers.iter().map(|&(o, i)| &scenes[o].features[i]));
     let features: Vec<Features> = all.map(|f| keypoints::subsample(f, count, 0)).collect();
     let surfaces: Vec<&Surface> =
@@ -144,14 +175,23 @@ fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Fai
     for round in 0..ROUNDS {
         let mut taken = vec![false; n];
         // The first round compares scans alone, as a registration starts.
-        let most = if round == 0 { 1 } else { 16 };
+        let alone = round == 0;
+        let most = if alone { 1 } else { 16 };
         let mut groups: Vec<Vec<(ScanId, RigidMotion)>> = Vec::new();
-        for _ in 0..if round == 0 { n } else { 6 } {
-            groups.push(random_group(scene, &mut taken, most, &mut rng));
+        for _ in 0..if alone { n } else { 6 } {
+            groups.push(random_group(scene, &mut taken, 1..=most, &mut rng));
         }
         groups.retain(|g| !g.is_empty());
         let own = groups.len();
-        groups.extend((n..inputs.len()).map(|k| vec![(ScanId(k), RigidMotion::identity())]));
+        let mut first = n;
+        for (_, members) in &elsewhere {
+            let numbers = (first..first + members.len()).map(ScanId);
+            let mut members = numbers.zip(members.iter().map(|m| m.1));
+            first += members.len();
+            let together = if alone { 1 } else { rng.random_range(1..=members.len()) };
+            groups.push(members.by_ref().take(together).collect());
+            groups.extend(members.map(|m| vec![m]));
+        }
         let mut assembly = Assembly::of_groups(&assessor, groups);
         assembly.add_pairs(pairs.clone());
         for (a, b, assessments) in assembly.assessments() {
@@ -164,7 +204,9 @@ fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Fai
                 let label =
                     if related { judge(&assessment, assembly.centre(b), radius_m) } else { Some(false) };
                 if let (Some(right), true) = (label, assessment.support.inliers >= 3) {
-                    examples.push(Example { x: predictors(&assessment.support, true), right });
+                    let (x, support) = (predictors(&assessment.support, true), assessment.support);
+                    let sizes = (assembly.size(a), assembly.size(b));
+                    examples.push(Example { x, right, support, sizes });
                 }
             }
         }
@@ -172,11 +214,11 @@ fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Fai
     Ok(examples)
 }
 
-/// A group of up to `most` scans, each overlapping one before it, at poses a little off the truth.
+/// A group of as many scans, if there are, each overlapping one before it, at poses a little off the truth.
 fn random_group(
     scene: &Scene,
     taken: &mut [bool],
-    most: usize,
+    sizes: std::ops::RangeInclusive<usize>,
     rng: &mut ChaCha8Rng,
 ) -> Vec<(ScanId, RigidMotion)> {
     let free: Vec<usize> = (0..taken.len()).filter(|&i| !taken[i]).collect();
@@ -189,7 +231,7 @@ fn random_group(
     let first = free[rng.random_range(0..free.len())];
     taken[first] = true;
     let mut members = vec![(first, RigidMotion::identity())];
-    let size = rng.random_range(1..=most);
+    let size = rng.random_range(sizes);
     while members.len() < size {
         let near = |m: usize, i: usize| scene.overlap.get(m, i) > 0.3;
         let mut next: Vec<(usize, RigidMotion)> = (0..taken.len())

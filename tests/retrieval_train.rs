@@ -184,7 +184,7 @@ fn the_log_is_written_before_the_state_it_belongs_to() {
     /// Puts a folder where the state would go.
     struct Blocked(std::path::PathBuf);
     impl Monitor for Blocked {
-        fn advance(&self, _: usize) {
+        fn note(&self, _: &str) {
             std::fs::create_dir_all(self.0.join("in the way")).unwrap();
         }
     }

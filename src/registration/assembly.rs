@@ -62,6 +62,10 @@ pub struct Assembly<'a> {
     next: ComponentId,
     /// Links whose trials failed, with the scans and pairs that they had.
     tried: BTreeSet<(ComponentId, ComponentId, usize, usize)>,
+    /// Components refined with the full setting, and unchanged since.
+    settled: BTreeSet<ComponentId>,
+    /// Supports of the members of components that a review left alone, while they are unchanged.
+    reviewed: BTreeMap<ComponentId, Vec<Support>>,
 }
 
 /// A join that may be made.
@@ -90,7 +94,16 @@ impl<'a> Assembly<'a> {
         };
         let components = scans.iter().map(|s| (s.0, alone(s))).collect();
         let next = scans.iter().map(|s| s.0 + 1).max().unwrap_or(0);
-        Self { assessor, pairs: Vec::new(), components, links: BTreeMap::new(), next, tried: BTreeSet::new() }
+        Self {
+            assessor,
+            pairs: Vec::new(),
+            components,
+            links: BTreeMap::new(),
+            next,
+            tried: BTreeSet::new(),
+            settled: BTreeSet::new(),
+            reviewed: BTreeMap::new(),
+        }
     }
 
     /// Components of scans at given poses, for measuring how evidence relates to truth.
@@ -130,6 +143,7 @@ impl<'a> Assembly<'a> {
     /// Takes in more registered pairs.
     pub fn add_pairs(&mut self, pairs: Vec<ScanPair>) {
         self.pairs.extend(pairs);
+        self.reviewed.clear();
         self.relink();
     }
 
@@ -262,6 +276,8 @@ impl<'a> Assembly<'a> {
     fn replace(&mut self, gone: &[ComponentId], with: Component) {
         for id in gone {
             self.components.remove(id);
+            self.settled.remove(id);
+            self.reviewed.remove(id);
         }
         let id = self.next;
         self.next += 1;

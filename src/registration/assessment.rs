@@ -65,16 +65,20 @@ impl Assessor<'_> {
         for proposal in proposals {
             let fitted = self.fit_matches(a, b, proposal, matches);
             let inliers = matches.count(&fitted, self.radius_m);
-            let worthwhile = inliers * RIVAL >= most
-                && (most == 0 || !self.is_hopeless(a, b, &fitted, matches.len(), inliers));
+            let worthwhile =
+                inliers * RIVAL >= most && (most == 0 || !self.is_hopeless(a, b, &fitted, matches, inliers));
             most = most.max(inliers);
             let motion = if worthwhile {
                 align(a, b, &fitted, self.config.evidence.align_rounds, self.align_stride(a, b))
             } else {
                 fitted
             };
-            if !distinct.iter().any(|other| same_motion(&other.0, &motion, &centre, self.radius_m)) {
-                distinct.push((motion, matches.inliers(&motion, self.radius_m), worthwhile));
+            let found = (motion, matches.inliers(&motion, self.radius_m), worthwhile);
+            match distinct.iter_mut().find(|d| same_motion(&d.0, &motion, &centre, self.radius_m)) {
+                None => distinct.push(found),
+                // One that was aligned stands for one that was not.
+                Some(other) if worthwhile && !other.2 => *other = found,
+                Some(_) => {}
             }
         }
         distinct.sort_by_key(|d| std::cmp::Reverse(d.1.len()));
@@ -85,7 +89,7 @@ impl Assessor<'_> {
                 let (a_from_b, inliers, _) = &distinct[h];
                 let others = distinct.iter().enumerate().filter(|o| o.0 != h).map(|o| o.1.1.as_slice());
                 let runner_up = self.runner_up(matches, a_from_b, others);
-                self.measure(a, b, a_from_b, matches.len(), inliers.len(), runner_up)
+                self.measure(a, b, a_from_b, matches, (inliers.len(), runner_up))
             })
             .collect();
         // A stable sort: what is equally probable keeps the order of inliers.
@@ -99,7 +103,7 @@ impl Assessor<'_> {
         a: &[Posed<'_>],
         b: &[Posed<'_>],
         proposal: &RigidMotion,
-        matches: usize,
+        matches: &Correspondences,
         inliers: usize,
     ) -> bool {
         /// Probability, without any rival, below which nothing is expected of the alignment.
@@ -110,7 +114,7 @@ impl Assessor<'_> {
         if a.len() + b.len() > 2 {
             return false;
         }
-        let glance = support_of(&surface_fit(a, b, proposal, STRIDE), matches, inliers, 0);
+        let glance = self.support_of(&surface_fit(a, b, proposal, STRIDE), proposal, matches, (inliers, 0));
         evidence::probability(&glance, &self.config.evidence.weights, self.sight_trusted) < HOPELESS
     }
 
@@ -167,39 +171,47 @@ impl Assessor<'_> {
         if evidence::is_undecided(support) { p.min(UNDECIDED) } else { p }
     }
 
-    /// The evidence for one motion, which is not changed.
+    /// The evidence for one motion, which is not changed, with as many of the matches in agreement with
+    /// it and with the next best one.
     pub fn measure(
         &self,
         a: &[Posed<'_>],
         b: &[Posed<'_>],
         a_from_b: &RigidMotion,
-        matches: usize,
-        inliers: usize,
-        runner_up: usize,
+        matches: &Correspondences,
+        agreeing: (usize, usize),
     ) -> Assessment {
-        let mut support = support_of(&surface_fit(a, b, a_from_b, 1), matches, inliers, runner_up);
+        let fit = surface_fit(a, b, a_from_b, 1);
+        let mut support = self.support_of(&fit, a_from_b, matches, agreeing);
         support.probability = Some(self.probability(&support));
         Assessment { a_from_b: *a_from_b, support }
+    }
+
+    /// What matches and surfaces say of a pose together.
+    fn support_of(
+        &self,
+        fit: &SurfaceFit,
+        a_from_b: &RigidMotion,
+        matches: &Correspondences,
+        (inliers, runner_up): (usize, usize),
+    ) -> Support {
+        Support {
+            matches: matches.len(),
+            inliers,
+            runner_up,
+            chance: matches.count_by_chance(a_from_b, self.radius_m),
+            overlap: fit.overlap,
+            normal_agreement: fit.normal_agreement,
+            plane_residual: fit.plane_residual,
+            violation: fit.violation,
+            stiffness: fit.stiffness,
+            ..Support::default()
+        }
     }
 
     /// Large groups have points to spare: every n-th of their samples fixes six numbers as well.
     fn align_stride(&self, a: &[Posed<'_>], b: &[Posed<'_>]) -> usize {
         2 * a.len().min(b.len()).clamp(1, 4)
-    }
-}
-
-/// What matches and surfaces say of a pose together.
-fn support_of(fit: &SurfaceFit, matches: usize, inliers: usize, runner_up: usize) -> Support {
-    Support {
-        matches,
-        inliers,
-        runner_up,
-        overlap: fit.overlap,
-        normal_agreement: fit.normal_agreement,
-        plane_residual: fit.plane_residual,
-        violation: fit.violation,
-        stiffness: fit.stiffness,
-        ..Support::default()
     }
 }
 

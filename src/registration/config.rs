@@ -91,9 +91,9 @@ impl Default for AveragingConfig {
 
 /// Weights of the logistic model that turns the support of a pose into a probability.
 ///
-/// The defaults are the rounded mean of two fits by `examples/evidence_calibration.rs`, both of
-/// 2500 keypoints: published MiniSpinNet descriptors on four 3DMatch test scenes (7035 proposals;
-/// all but the kitchen) and FPFH on three of them (4677 proposals).
+/// The defaults are the rounded mean of three fits by `examples/evidence_calibration.rs` on four
+/// 3DMatch test scenes (all but the kitchen): published MiniSpinNet descriptors at 2500 keypoints, and
+/// FPFH at 2500 and at 1000.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct EvidenceWeights {
@@ -103,7 +103,7 @@ pub struct EvidenceWeights {
     pub ln_inliers: f64,
     /// Weight of the logarithm of inliers over those of the next distinct hypothesis.
     pub ln_lead: f64,
-    /// Weight of the share of agreeing normals.
+    /// Weight of the logarithm of the share of agreeing normals.
     pub normal_agreement: f64,
     /// Weight of the distance to tangent planes, in units of τ.
     pub plane_residual: f64,
@@ -115,11 +115,13 @@ pub struct EvidenceWeights {
     pub stiffness: f64,
     /// Weight of violations beyond a fifth, where viewpoints are believed.
     pub contradiction: f64,
+    /// Weight of the logarithm of the share of the inliers that chance explains.
+    pub chance: f64,
 }
 
 impl EvidenceWeights {
     /// The weights in the order of [`super::evidence::predictors`].
-    pub fn as_array(&self) -> [f64; 9] {
+    pub fn as_array(&self) -> [f64; 10] {
         [
             self.constant,
             self.ln_inliers,
@@ -130,13 +132,14 @@ impl EvidenceWeights {
             self.violation,
             self.stiffness,
             self.contradiction,
+            self.chance,
         ]
     }
 }
 
 impl EvidenceWeights {
     /// Weights in the order of [`Self::as_array`].
-    pub fn from_array(w: [f64; 9]) -> Self {
+    pub fn from_array(w: [f64; 10]) -> Self {
         let [
             constant,
             ln_inliers,
@@ -147,6 +150,7 @@ impl EvidenceWeights {
             violation,
             stiffness,
             contradiction,
+            chance,
         ] = w;
         Self {
             constant,
@@ -158,6 +162,7 @@ impl EvidenceWeights {
             violation,
             stiffness,
             contradiction,
+            chance,
         }
     }
 }
@@ -165,15 +170,16 @@ impl EvidenceWeights {
 impl Default for EvidenceWeights {
     fn default() -> Self {
         Self {
-            constant: -13.8,
-            ln_inliers: 1.27,
-            ln_lead: 0.6,
-            normal_agreement: 4.8,
-            plane_residual: -5.4,
-            overlap: 0.32,
-            violation: -2.5,
-            stiffness: 0.7,
-            contradiction: -12.0,
+            constant: -11.6,
+            ln_inliers: 0.67,
+            ln_lead: 0.66,
+            normal_agreement: 1.8,
+            plane_residual: -6.6,
+            overlap: 1.2,
+            violation: -2.65,
+            stiffness: 0.83,
+            contradiction: -12.9,
+            chance: -1.5,
         }
     }
 }
@@ -211,7 +217,7 @@ impl Default for EvidenceConfig {
             hypotheses: 3,
             points_per_scan: 400,
             align_rounds: 6,
-            accept: 0.7,
+            accept: 0.6,
             confident: 0.95,
             weights: EvidenceWeights::default(),
         }

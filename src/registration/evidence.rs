@@ -1,9 +1,9 @@
 //! What a registration must show before it is believed.
 //!
 //! Inlier counts alone cannot tell a right pose from a flip or a slide along repeated
-//! structure. The support of a pose joins seven measurements in one logistic score: inlier
-//! matches, how far they lead the next distinct hypothesis, how much surface touches, whether
-//! normals agree there, how far points lie off the tangent planes, how much lies in space that
+//! structure. The support of a pose joins eight measurements in one logistic score: inlier
+//! matches, how far they lead the next distinct hypothesis, how many of them chance explains, how
+//! much surface touches, whether normals agree there, how far points lie off the tangent planes, how much lies in space that
 //! was seen to be empty, and how firmly the touching surface fixes the pose.
 
 use super::config::{EvidenceConfig, EvidenceWeights};
@@ -40,25 +40,27 @@ pub fn sight_is_trustworthy<'a>(
 }
 
 /// What the logistic model sees of a support, in the order of [`EvidenceWeights::as_array`]:
-/// 1, ln inliers, ln(inliers / inliers of the next hypothesis), normal agreement,
+/// 1, ln inliers, ln(inliers / inliers of the next hypothesis), ln normal agreement,
 /// plane residual, ln overlap, ln violation, ln stiffness, violation beyond a fifth (nothing unless
-/// `sight_trusted`); the logarithms of shares with 0.01 added, 0.001 for the stiffness.
+/// `sight_trusted`), ln(inliers by chance / inliers); the logarithms of shares with 0.01
+/// added, 0.05 for the normals, 0.001 for the stiffness, 0.02 for chance.
 ///
 /// Fewer than three inliers of the next hypothesis count as three: any three matches
 /// agree on some motion.
-pub fn predictors(support: &Support, sight_trusted: bool) -> [f64; 9] {
+pub fn predictors(support: &Support, sight_trusted: bool) -> [f64; 10] {
     let inliers = support.inliers.max(1) as f64;
     let lead = inliers / support.runner_up.max(3) as f64;
     [
         1.0,
         inliers.ln(),
         lead.ln(),
-        support.normal_agreement,
+        (support.normal_agreement + 0.05).ln(),
         support.plane_residual,
         (support.overlap + 0.01).ln(),
         (support.violation.min(MOST_VIOLATION) + 0.01).ln(),
         (support.stiffness + 1e-3).ln(),
         if sight_trusted { (support.violation - MOST_VIOLATION).max(0.0) } else { 0.0 },
+        (support.chance / inliers + 0.02).ln(),
     ]
 }
 
@@ -144,6 +146,7 @@ mod tests {
             matches: 1000,
             inliers: 30,
             runner_up: 15,
+            chance: 0.5,
             overlap: 0.4,
             normal_agreement: 0.8,
             plane_residual: 0.3,
@@ -154,6 +157,7 @@ mod tests {
         let p = probability(&base, &weights, false);
         assert!(probability(&Support { inliers: 60, ..base }, &weights, false) > p);
         assert!(probability(&Support { runner_up: 29, ..base }, &weights, false) < p);
+        assert!(probability(&Support { chance: 3.0, ..base }, &weights, false) < p);
         assert!(probability(&Support { normal_agreement: 0.5, ..base }, &weights, false) < p);
         assert!(probability(&Support { plane_residual: 0.6, ..base }, &weights, false) < p);
         assert!(probability(&Support { overlap: 0.1, ..base }, &weights, false) < p);
@@ -212,11 +216,13 @@ mod tests {
             violation: -2.0,
             stiffness: 0.5,
             contradiction: -4.0,
+            chance: -3.0,
         };
         let support = Support {
             matches: 100,
             inliers: 20,
             runner_up: 10,
+            chance: 2.0,
             overlap: 0.5,
             normal_agreement: 0.8,
             plane_residual: 0.25,
@@ -224,8 +230,10 @@ mod tests {
             stiffness: 0.049,
             ..Support::default()
         };
-        let score = -1.0 + 20f64.ln() + 2.0 * 2f64.ln() + 0.4 - 0.25 + 0.51f64.ln() - 2.0 * 0.11f64.ln()
-            + 0.5 * 0.05f64.ln();
+        let score = -1.0 + 20f64.ln() + 2.0 * 2f64.ln() + 0.5 * 0.85f64.ln() - 0.25 + 0.51f64.ln()
+            - 2.0 * 0.11f64.ln()
+            + 0.5 * 0.05f64.ln()
+            - 3.0 * 0.12f64.ln();
         assert_relative_eq!(
             probability(&support, &weights, false),
             1.0 / (1.0 + (-score).exp()),

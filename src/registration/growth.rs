@@ -7,6 +7,7 @@ mod conclusion;
 
 use self::candidate::Candidate;
 use super::config::RegistrationConfig;
+use super::estimate::scoring::Correspondences;
 use super::evidence;
 use super::incremental::{Lengths, MIN_KEYPOINTS, ScanInput};
 use super::joint::{JointScan, refine_jointly};
@@ -232,6 +233,8 @@ impl<'a> Growth<'a> {
             return support;
         }
         let pose = &hypothesis.target_from_source;
+        let matches = Correspondences::new(&candidate.matches.source, &candidate.matches.target);
+        support.chance = matches.count_by_chance(pose, self.radius_m.into());
         let alone = Posed { model: &self.models[scan.0], group_from_scan: RigidMotion::identity() };
         let fit = surface_fit(placed, &[alone], pose, 1);
         support.overlap = fit.overlap;

@@ -25,6 +25,9 @@ pub struct Support {
     pub inliers: usize,
     /// Inliers of the next distinct hypothesis.
     pub runner_up: usize,
+    /// Matches that the pose would bring within τ if they were paired at random.
+    #[serde(default)]
+    pub chance: f64,
     /// Share of the scan's surface within τ of the model, in `[0, 1]`.
     pub overlap: f64,
     /// Share of that whose normals agree, in `[0, 1]`.

@@ -48,7 +48,8 @@ impl Assembly<'_> {
         }
     }
 
-    /// Refines every component of at least two scans with the full setting.
+    /// Refines every component of at least two scans with the full setting, unless it was and has not
+    /// changed since.
     ///
     /// # Errors
     /// Only when the monitor is cancelled.
@@ -56,7 +57,10 @@ impl Assembly<'_> {
         if self.config().joint.enabled {
             let full = self.config().joint.clone();
             for id in self.components.keys().copied().collect::<Vec<_>>() {
-                self.refine(id, &full, monitor)?;
+                if !self.settled.contains(&id) {
+                    self.refine(id, &full, monitor)?;
+                    self.settled.insert(id);
+                }
             }
         }
         Ok(())
@@ -67,6 +71,7 @@ impl Assembly<'_> {
         let mut component = component.clone();
         self.refine_component(&mut component, &BTreeSet::new(), config, monitor)?;
         self.components.insert(id, component);
+        self.reviewed.remove(&id);
         // Relative poses changed: what pairs say of links did too.
         self.replace_links(&[id], id);
         Ok(())

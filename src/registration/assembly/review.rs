@@ -72,21 +72,14 @@ impl Assembly<'_> {
             .collect();
         let there: Vec<Vec<usize>> = others.iter().map(|o| matches.inliers(&o.a_from_b, radius_m)).collect();
         let runner_up = self.assessor.runner_up(&matches, &pose, there.iter().map(Vec::as_slice));
-        let current = self.assessor.measure(&group, &single, &pose, matches.len(), here.len(), runner_up);
+        let current = self.assessor.measure(&group, &single, &pose, &matches, (here.len(), runner_up));
         // Against the present place an alternative has that as one more rival.
         let best = others
             .into_iter()
             .map(|o| {
                 let rival = self.assessor.runner_up(&matches, &o.a_from_b, [here.as_slice()].into_iter());
                 let next = o.support.runner_up.max(rival);
-                self.assessor.measure(
-                    &group,
-                    &single,
-                    &o.a_from_b,
-                    o.support.matches,
-                    o.support.inliers,
-                    next,
-                )
+                self.assessor.measure(&group, &single, &o.a_from_b, &matches, (o.support.inliers, next))
             })
             .max_by(|x, y| x.probability().total_cmp(&y.probability()));
         (current, best)
@@ -103,12 +96,12 @@ impl Assembly<'_> {
         for id in self.components.keys().copied().collect::<Vec<_>>() {
             monitor.check("registration")?;
             let component = &self.components[&id];
-            if component.members.len() < 3 {
+            if component.members.len() < 3 || self.reviewed.contains_key(&id) {
                 continue;
             }
             let places: Vec<(Assessment, Option<Assessment>)> =
                 (0..component.members.len()).into_par_iter().map(|m| self.place_of(component, m)).collect();
-            let mut out = Vec::new();
+            let (mut out, before) = (Vec::new(), changed);
             let mut component = component.clone();
             for (member, (current, elsewhere)) in component.members.iter_mut().zip(&places) {
                 let better = elsewhere.filter(|e| {
@@ -130,8 +123,13 @@ impl Assembly<'_> {
                     changed += 1;
                 }
             }
+            if changed == before {
+                self.reviewed.insert(id, places.into_iter().map(|p| p.0.support).collect());
+                continue;
+            }
             component.members.retain(|m| !out.contains(&m.0));
             self.components.insert(id, component);
+            self.settled.remove(&id);
             for scan in out {
                 let alone = Component {
                     members: vec![(scan, RigidMotion::identity())],
@@ -163,9 +161,10 @@ impl Assembly<'_> {
         let supports: Vec<Vec<Support>> = self
             .components
             .iter()
-            .map(|(&id, c)| match c.members.len() {
-                1 => vec![offered(id)],
-                n => (0..n).into_par_iter().map(|m| self.place_of(c, m).0.support).collect(),
+            .map(|(&id, c)| match (c.members.len(), self.reviewed.get(&id)) {
+                (1, _) => vec![offered(id)],
+                (_, Some(supports)) => supports.clone(),
+                (n, None) => (0..n).into_par_iter().map(|m| self.place_of(c, m).0.support).collect(),
             })
             .collect();
         let holds: Vec<Vec<Hold>> = self.components.values().map(|c| self.holds(c)).collect();

@@ -131,7 +131,7 @@ impl Assembly<'_> {
         let stay = RigidMotion::identity();
         let inliers = matches.count(&stay, self.assessor.radius_m);
         let (a, b) = (self.posed(&a), self.posed(&b));
-        let support = self.assessor.measure(&a, &b, &stay, matches.len(), inliers, 0).support;
+        let support = self.assessor.measure(&a, &b, &stay, &matches, (inliers, 0)).support;
         Ok(Some(Trial { key, proposal, joined, first_from_second, centre, support }))
     }
 

@@ -17,15 +17,15 @@ impl Correspondences {
     /// Lays out `source[i] ↔ target[i]` (equal lengths, finite, metres).
     pub fn new(source: &[Point], target: &[Point]) -> Self {
         let padded = source.len().next_multiple_of(LANES);
-        // Padding pairs are infinitely far apart under every motion.
-        let lay = |points: &[Point], padding: f32| -> [Vec<f32>; 3] {
+        // Padding is near nothing under any motion.
+        let lay = |points: &[Point]| -> [Vec<f32>; 3] {
             std::array::from_fn(|axis| {
                 let mut values: Vec<f32> = points.iter().map(|p| p[axis]).collect();
-                values.resize(padded, padding);
+                values.resize(padded, f32::NAN);
                 values
             })
         };
-        Self { len: source.len(), source: lay(source, 0.0), target: lay(target, f32::INFINITY) }
+        Self { len: source.len(), source: lay(source), target: lay(target) }
     }
 
     /// Number of matches.
@@ -55,8 +55,25 @@ impl Correspondences {
 
     /// Number of matches that `target_from_source` brings within `radius_m`.
     pub fn count(&self, target_from_source: &RigidMotion, radius_m: f64) -> usize {
+        self.count_paired(target_from_source, radius_m, 0)
+    }
+
+    /// Number of matches that `target_from_source` would bring within `radius_m` if sources and
+    /// targets were paired at random: the mean over some pairings of every source with the target
+    /// of a match further on.
+    pub fn count_by_chance(&self, target_from_source: &RigidMotion, radius_m: f64) -> f64 {
+        /// Pairings that are counted.
+        const PAIRINGS: usize = 8;
+        let chunks = self.source[0].len() / LANES;
+        let shifts: Vec<usize> =
+            (1..=PAIRINGS).map(|k| k * chunks / (PAIRINGS + 1)).filter(|&shift| shift > 0).collect();
+        let counts = shifts.iter().map(|&shift| self.count_paired(target_from_source, radius_m, shift));
+        counts.sum::<usize>() as f64 / shifts.len().max(1) as f64
+    }
+
+    fn count_paired(&self, motion: &RigidMotion, radius_m: f64, shift: usize) -> usize {
         let mut count = 0;
-        self.scan(target_from_source, radius_m, |_, hits| {
+        self.scan(motion, radius_m, shift, |_, hits| {
             count += hits.iter().map(|&h| u32::from(h)).sum::<u32>() as usize;
         });
         count
@@ -65,26 +82,35 @@ impl Correspondences {
     /// The matches that `target_from_source` brings within `radius_m`, ascending.
     pub fn inliers(&self, target_from_source: &RigidMotion, radius_m: f64) -> Vec<usize> {
         let mut found = Vec::new();
-        self.scan(target_from_source, radius_m, |start, hits| {
+        self.scan(target_from_source, radius_m, 0, |start, hits| {
             found.extend(hits.iter().enumerate().filter(|h| *h.1).map(|h| start + h.0));
         });
         found
     }
 
-    /// Calls `visit(first match, which of the next 16 are within the radius)`.
-    fn scan(&self, motion: &RigidMotion, radius_m: f64, mut visit: impl FnMut(usize, &[bool; LANES])) {
+    /// Calls `visit(first match, which of the next 16 are within the radius)`, with the sources of each
+    /// 16 matches paired with the targets of those `shift` sixteens further on.
+    fn scan(
+        &self,
+        motion: &RigidMotion,
+        radius_m: f64,
+        shift: usize,
+        mut visit: impl FnMut(usize, &[bool; LANES]),
+    ) {
+        let len = self.source[0].len();
         let r = motion.rotation.to_rotation_matrix().into_inner().cast::<f32>();
         let t = motion.translation.vector.cast::<f32>();
         let limit = (radius_m * radius_m) as f32;
         pulp::Arch::new().dispatch(
             #[inline(always)]
             || {
-                for start in (0..self.source[0].len()).step_by(LANES) {
+                for start in (0..len).step_by(LANES) {
                     let chunk = start..start + LANES;
+                    let paired = (start + shift * LANES) % len;
                     let [sx, sy, sz] = [0, 1, 2].map(|a| &self.source[a][chunk.clone()]);
                     let mut squared = [0.0f32; LANES];
                     for axis in 0..3 {
-                        let target = &self.target[axis][chunk.clone()];
+                        let target = &self.target[axis][paired..paired + LANES];
                         let (rx, ry, rz, shift) = (r[(axis, 0)], r[(axis, 1)], r[(axis, 2)], t[axis]);
                         for l in 0..LANES {
                             let d = rx * sx[l] + ry * sy[l] + rz * sz[l] + shift - target[l];
@@ -103,6 +129,27 @@ mod tests {
     use super::*;
     use nalgebra::Vector3;
     use proptest::prelude::*;
+    use rand::{RngExt, SeedableRng};
+
+    /// Targets fill a unit cube and sources stay away from its faces: by chance a source has the share of
+    /// the targets near it that a ball has of the cube.
+    #[test]
+    fn chance_is_the_volume_of_a_ball() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+        let mut points = |low: f32, high: f32| -> Vec<Point> {
+            (0..20_000).map(|_| Point::from([(); 3].map(|()| rng.random_range(low..high)))).collect()
+        };
+        let (source, target) = (points(0.3, 0.7), points(0.0, 1.0));
+        let expected = 20_000.0 * 4.0 / 3.0 * std::f64::consts::PI * 0.2f64.powi(3);
+        let found = Correspondences::new(&source, &target).count_by_chance(&RigidMotion::identity(), 0.2);
+        assert!((found / expected - 1.0).abs() < 0.03, "{found} {expected}");
+        // Right matches are no chance, and one chunk has no other to pair with.
+        let right = Correspondences::new(&source, &source);
+        let by_chance = right.count_by_chance(&RigidMotion::identity(), 0.01);
+        assert!(by_chance < 20.0, "{by_chance}");
+        let few = Correspondences::new(&source[..10], &source[..10]);
+        assert_eq!(few.count_by_chance(&RigidMotion::identity(), 10.0), 0.0);
+    }
 
     proptest! {
         #[test]
