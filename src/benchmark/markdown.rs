@@ -4,7 +4,7 @@ use super::table::{CauseRow, Cost, ErrorRow, RecallRow, Spread, Table, TrustRow}
 use super::trust::BINS;
 use crate::evaluation::diagnosis::Cause;
 use crate::evaluation::pose_error::{ROTATION_THRESHOLDS_DEG, TRANSLATION_THRESHOLDS_M};
-use crate::report::grid::{heads, markdown as grid};
+use crate::report::grid::{Grid, Part, Row, heads};
 use std::fmt::Write;
 
 /// The whole table as Markdown.
@@ -13,12 +13,17 @@ pub fn markdown(table: &Table) -> String {
     if table.done < table.planned {
         writeln!(text, "Not finished: {} of {} cells.\n", table.done, table.planned).ok();
     }
-    recalls(&mut text, table);
-    by_scene(&mut text, table);
-    errors(&mut text, table);
-    causes(&mut text, table);
-    trust(&mut text, table);
+    text.extend(parts(table).iter().map(Part::markdown));
     text
+}
+
+/// The whole table, part by part.
+pub(super) fn parts(table: &Table) -> Vec<Part> {
+    let mut parts = vec![recalls(table)];
+    parts.extend(by_scene(table));
+    parts.extend([errors(table), causes(table), trust(table)]);
+    parts.retain(|part| part.grids.iter().any(|grid| !grid.rows.is_empty()));
+    parts
 }
 
 fn percent(value: f64) -> String {
@@ -46,20 +51,15 @@ fn cost(cost: Option<&Cost>) -> [String; 3] {
 
 fn method(row: &RecallRow) -> String {
     match &row.quoted {
-        Some(source) => format!("*{}: quoted, {source}*", row.method),
+        Some(source) => format!("{}: quoted, {source}", row.method),
         None => row.method.clone(),
     }
 }
 
-fn recalls(text: &mut String, table: &Table) {
-    if table.recalls.is_empty() {
-        return;
-    }
-    text.push_str(
-        "## Registration recall\n\nPercent; mean of the scenes, then the mean over seeds (least–greatest). \
+fn recalls(table: &Table) -> Part {
+    let text = "Percent; mean of the scenes, then the mean over seeds (least–greatest). \
          Pairs with a declined scan are failures. Seconds and memory are those of a scene from \
-         features to poses. Rows in italics are quoted, not measured here.\n\n",
-    );
+         features to poses. Rows in italics are quoted, not measured here.";
     let head = heads(&[
         "benchmark",
         "method",
@@ -76,7 +76,7 @@ fn recalls(text: &mut String, table: &Table) {
     let row = |r: &RecallRow| {
         let (ours, [seconds, most, memory]) = (r.quoted.is_none(), cost(r.cost.as_ref()));
         let own = |text: String| if ours { text } else { "–".to_owned() };
-        vec![
+        let cells = vec![
             r.benchmark.clone(),
             method(r),
             r.keypoints.to_string(),
@@ -88,20 +88,20 @@ fn recalls(text: &mut String, table: &Table) {
             seconds,
             most,
             memory,
-        ]
+        ];
+        Row { cells, quoted: r.quoted.is_some() }
     };
-    text.push_str(&grid(&head, 2, &table.recalls.iter().map(row).collect::<Vec<_>>()));
-    text.push('\n');
+    let grid = Grid { head, left: 2, rows: table.recalls.iter().map(row).collect() };
+    Part { title: "Registration recall".to_owned(), text: text.to_owned(), grids: vec![grid] }
 }
 
-fn by_scene(text: &mut String, table: &Table) {
+fn by_scene(table: &Table) -> Vec<Part> {
     let ours = || table.recalls.iter().filter(|r| r.quoted.is_none());
     let mut datasets: Vec<&String> = ours().map(|r| &r.dataset).collect();
     datasets.dedup();
-    for dataset in datasets {
+    let part = |dataset: &String| {
         let columns: Vec<usize> =
             (0..table.scenes.len()).filter(|&s| table.scenes[s].0 == *dataset).collect();
-        writeln!(text, "## Recall by scene: {dataset}\n").ok();
         let mut head = heads(&["benchmark", "method", "keypoints"]);
         head.extend(columns.iter().map(|&s| table.scenes[s].1.clone()));
         let row = |r: &RecallRow| {
@@ -110,24 +110,17 @@ fn by_scene(text: &mut String, table: &Table) {
             row.extend(columns.iter().map(scene));
             row
         };
-        text.push_str(&grid(
-            &head,
-            2,
-            &ours().filter(|r| r.dataset == *dataset).map(row).collect::<Vec<_>>(),
-        ));
-        text.push('\n');
-    }
+        let rows = ours().filter(|r| r.dataset == *dataset).map(row).collect();
+        let title = format!("Recall by scene: {dataset}");
+        Part { title, text: String::new(), grids: vec![Grid::new(head, 2, rows)] }
+    };
+    datasets.into_iter().map(part).collect()
 }
 
-fn errors(text: &mut String, table: &Table) {
-    if table.errors.is_empty() {
-        return;
-    }
-    text.push_str(
-        "## Relative pose errors\n\nShare of all pairs within each limit, percent; pairs with a declined scan \
+fn errors(table: &Table) -> Part {
+    let text = "Share of all pairs within each limit, percent; pairs with a declined scan \
          are beyond all of them. Mean over pairs with an estimate, median over all. Averaged over \
-         scenes, then seeds.\n\n",
-    );
+         scenes, then seeds.";
     let mut rotation = heads(&["data set", "method", "keypoints", "cells", "declined"]);
     let mut translation = rotation.clone();
     rotation.extend(ROTATION_THRESHOLDS_DEG.map(|t| format!("{t}°")));
@@ -157,20 +150,15 @@ fn errors(text: &mut String, table: &Table) {
         row.extend([mean, median].map(|v| v.map_or("∞".to_owned(), |v| format!("{v:.3}{unit}"))));
         row
     };
-    for (head, of_rotation) in [(rotation, true), (translation, false)] {
-        text.push_str(&grid(&head, 2, &table.errors.iter().map(|r| row(r, of_rotation)).collect::<Vec<_>>()));
-        text.push('\n');
-    }
+    let grid =
+        |(head, of_rotation)| Grid::new(head, 2, table.errors.iter().map(|r| row(r, of_rotation)).collect());
+    let grids = [(rotation, true), (translation, false)].map(grid).to_vec();
+    Part { title: "Relative pose errors".to_owned(), text: text.to_owned(), grids }
 }
 
-fn causes(text: &mut String, table: &Table) {
-    if table.causes.is_empty() {
-        return;
-    }
-    text.push_str(
-        "## Why pairs failed\n\nFailed pairs of all scenes by what went wrong first, mean over seeds; \
-         carried: neither scan of the pair did (`scanweave diagnose` on a cell says more).\n\n",
-    );
+fn causes(table: &Table) -> Part {
+    let text = "Failed pairs of all scenes by what went wrong first, mean over seeds; \
+         carried: neither scan of the pair did (`scanweave diagnose` on a cell says more).";
     let mut head = heads(&["benchmark", "method", "keypoints", "failed"]);
     head.extend(Cause::ALL.map(|c| c.name().to_owned()));
     head.push("carried".to_owned());
@@ -180,20 +168,15 @@ fn causes(text: &mut String, table: &Table) {
         row.extend(figures.map(|v| format!("{v:.1}")));
         row
     };
-    text.push_str(&grid(&head, 2, &table.causes.iter().map(row).collect::<Vec<_>>()));
-    text.push('\n');
+    let grid = Grid::new(head, 2, table.causes.iter().map(row).collect());
+    Part { title: "Why pairs failed".to_owned(), text: text.to_owned(), grids: vec![grid] }
 }
 
-fn trust(text: &mut String, table: &Table) {
-    if table.trust.is_empty() {
-        return;
-    }
-    text.push_str(
-        "## Placed scans by their stated probability\n\nAll scenes and seeds; a scan is wrong when it went wrong \
+fn trust(table: &Table) -> Part {
+    let text = "All scenes and seeds; a scan is wrong when it went wrong \
          itself. Calibration error: mean difference between stated probability and share of right \
          ones, over ten bins. The other columns: scans stated between these percentages, and the \
-         percentage of them that is right.\n\n",
-    );
+         percentage of them that is right.";
     let mut head =
         heads(&["data set", "method", "keypoints", "placed", "wrong", "wrong %", "calibration error %"]);
     let bounds = (0..BINS).map(|b| (100 * b / BINS, 100 * (b + 1) / BINS));
@@ -209,6 +192,7 @@ fn trust(text: &mut String, table: &Table) {
         }));
         row
     };
-    text.push_str(&grid(&head, 2, &table.trust.iter().map(row).collect::<Vec<_>>()));
-    text.push('\n');
+    let grid = Grid::new(head, 2, table.trust.iter().map(row).collect());
+    let title = "Placed scans by their stated probability".to_owned();
+    Part { title, text: text.to_owned(), grids: vec![grid] }
 }

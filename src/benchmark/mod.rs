@@ -12,6 +12,7 @@ mod loaded;
 mod markdown;
 pub mod merge;
 pub mod output;
+mod page;
 pub mod plan;
 mod plots;
 pub mod run;

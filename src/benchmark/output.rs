@@ -1,7 +1,9 @@
-//! The files that sum a suite up: tables and plots.
+//! The files that sum a suite up: tables, plots and the page with both.
 
 use super::cell::Cell;
 use super::markdown::markdown;
+use super::page;
+use super::plan::Plan;
 use super::plots;
 use super::suite::Suite;
 use super::table::{Cost, ErrorRow, RecallRow, Spread, Table};
@@ -14,11 +16,14 @@ use crate::retrieval::scores::RetrievalScores;
 use std::io::Write;
 use std::path::Path;
 
-/// Writes all tables and plots into `folder` and returns the table for people.
+/// The page in an output folder.
+const PAGE: &str = "report.html";
+
+/// Writes all tables and plots, and report.html with them, into `folder` and returns the table for people.
 ///
 /// # Errors
 /// [`crate::Error::Write`].
-pub fn write(folder: &Path, suite: &Suite, table: &Table, cells: &[Cell]) -> Result<String> {
+pub fn write(folder: &Path, suite: &Suite, plan: &Plan, table: &Table, cells: &[Cell]) -> Result<String> {
     let text = markdown(table);
     let json = serde_json::to_string_pretty(table).unwrap_or_default() + "\n";
     for (name, content) in [
@@ -29,9 +34,12 @@ pub fn write(folder: &Path, suite: &Suite, table: &Table, cells: &[Cell]) -> Res
     ] {
         atomic::write(&folder.join(name), |out| out.write_all(content.as_bytes()))?;
     }
-    for (name, panels) in plots::all(suite, table, cells) {
-        atomic::write(&folder.join(name), |out| out.write_all(chart::svg(&panels)?.as_bytes()))?;
+    let plots = plots::all(suite, table, cells);
+    for (name, panels) in &plots {
+        atomic::write(&folder.join(name), |out| out.write_all(chart::svg(panels)?.as_bytes()))?;
     }
+    let page = page::page(plan, table, cells, &plots)?.html();
+    atomic::write(&folder.join(PAGE), |out| out.write_all(page.as_bytes()))?;
     Ok(text)
 }
 

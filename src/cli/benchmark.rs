@@ -14,8 +14,8 @@ use std::path::{Path, PathBuf};
 /// A suite (TOML, see configs/suites/) names data sets, methods, keypoint counts and seeds. Every
 /// combination with a scene is a cell; its result is one file in OUTPUT/cells, features are kept
 /// in OUTPUT/cache. Cells that are there and still hold are not computed again, so that a run
-/// stopped at any moment goes on when it is started again. Writes table.md, table.csv, table.json
-/// and cells.csv.
+/// stopped at any moment goes on when it is started again. Writes table.md, table.csv, table.json,
+/// cells.csv, plots and report.html, a page with all of them for any browser.
 ///
 /// A cell's wall time is that of its stages with all threads, unless --jobs shares them out. Its
 /// memory is the peak of the process while it worked on the cell, scans and features included.
@@ -134,7 +134,7 @@ fn merge(arguments: &MergeArguments, verbosity: &Verbosity) -> anyhow::Result<St
 
 fn write_tables(output: &Path, suite: &Suite, plan: &Plan) -> Result<String, Error> {
     let cells = table::read_cells(output, plan)?;
-    output::write(output, suite, &Table::new(suite, plan, &cells), &cells)
+    output::write(output, suite, plan, &Table::new(suite, plan, &cells), &cells)
 }
 
 /// Digest of this very program, so that its cells are told from those of another build.

@@ -9,12 +9,15 @@ use scanweave::evaluation::estimate::SceneEstimate;
 use scanweave::evaluation::ground_truth::overlap_matrix;
 use scanweave::evaluation::moments::Moments;
 use scanweave::evaluation::protocol::Protocol;
+use scanweave::evaluation::recall::RecallReport;
 use scanweave::evaluation::scene::{Benchmark, SceneTruth};
 use scanweave::geometry::Point;
 use scanweave::geometry::voxel::voxel_means;
 use scanweave::report::growth_tree;
 use scanweave::report::poses::Document;
+use scanweave::scan::Reconstruction;
 use scanweave::{Error, Silent, io};
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -94,34 +97,51 @@ fn of_result(arguments: &Arguments, truth_folder: &Path) -> Result<Diagnosis, Er
         folder: Some(folder.clone()),
     });
     let truth = SceneTruth::read(truth_folder, benchmark.as_slice())?;
+    let reconstruction = Document::load(&arguments.subject.join("poses.json"))?.reconstruction()?;
+    let report = evaluate_scene(&truth, &SceneEstimate::of(&reconstruction), false)?;
+    let limit_m = truth.wrong_beyond_m();
+    look_into(truth_folder, &truth, &reconstruction, arguments.overlap_radius, limit_m, &report.recalls)
+}
+
+/// Diagnoses a registration of the scans in `folder`, in the order of the truth. Points closer than
+/// `overlap_radius_m` count as common.
+///
+/// # Errors
+/// Scans that cannot be read or are not those of the result; a truth without poses.
+pub fn look_into(
+    folder: &Path,
+    truth: &SceneTruth,
+    reconstruction: &Reconstruction,
+    overlap_radius_m: f64,
+    limit_m: f64,
+    recalls: &BTreeMap<String, RecallReport>,
+) -> Result<Diagnosis, Error> {
     let Some(poses) = &truth.world_from_scan else {
         let expected = "a pose file beside each scan, poses/, poses.txt or one .conf";
-        return Err(Error::file(truth_folder, "scans without true poses", expected, "name another folder"));
+        return Err(Error::file(folder, "scans without true poses", expected, "name another folder"));
     };
-    let reconstruction = Document::load(&arguments.subject.join("poses.json"))?.reconstruction()?;
-    let scans = io::read_scans(&io::scan_files(truth_folder)?, &Silent)?;
+    let scans = io::read_scans(&io::scan_files(folder)?, &Silent)?;
     if reconstruction.outcomes.len() != scans.len() {
         return Err(Error::file(
-            truth_folder,
+            folder,
             format!("{} scans", scans.len()),
             format!("the {} scans of the result", reconstruction.outcomes.len()),
             "name the folder that these scans came from with --truth",
         ));
     }
-    let radius = arguments.overlap_radius as f32;
+    let radius = overlap_radius_m as f32;
     let thinned: Vec<Vec<Point>> = scans.iter().map(|s| voxel_means(&s.cloud.points, 0.5 * radius)).collect();
     let views: Vec<&[Point]> = thinned.iter().map(Vec::as_slice).collect();
     let overlap = overlap_matrix(&views, poses, radius)?;
     let moments: Vec<Moments> = scans.iter().map(|s| Moments::of(&s.cloud.points)).collect();
-    let report = evaluate_scene(&truth, &SceneEstimate::of(&reconstruction), false)?;
     let case = Case {
         names: &truth.scans,
         numbers: &truth.numbers,
-        reconstruction: &reconstruction,
+        reconstruction,
         truth: poses,
         moments: &moments,
         overlap: &overlap,
-        limit_m: truth.wrong_beyond_m(),
+        limit_m,
     };
-    Ok(case.diagnose(&report.recalls))
+    Ok(case.diagnose(recalls))
 }

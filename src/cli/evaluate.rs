@@ -1,5 +1,6 @@
 //! `scanweave evaluate`.
 
+use super::evaluate_page::{self, OneResult, Wanted};
 use super::{Status, Verbosity, evaluate_set, terminal};
 use anyhow::Context;
 use clap::Args;
@@ -24,6 +25,8 @@ use std::path::{Path, PathBuf};
 /// poses of any other method as <scene>/trajectory.log, <scene>/poses.txt or
 /// <scene>/trajectory.tum (or <scene>.log, .txt, .tum). Prints the figures of every protocol for
 /// each scene, their mean, and all pairs pooled.
+///
+/// With --report writes all that, and why pairs failed, into a page to look at.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Output folder of `register`, or a folder with one result a scene.
@@ -54,9 +57,23 @@ pub struct Arguments {
     /// Leave out the first counted pair of a scene, as a published evaluator does by mistake.
     #[arg(long)]
     reference_quirks: bool,
+    /// Also write a page to look at: recall, errors, and which scan went wrong first. One HTML file
+    /// for any browser, without a network.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Distance within which points count as common where that page judges overlap, metres.
+    #[arg(long, value_name = "M", default_value_t = 0.07, requires = "report")]
+    overlap_radius: f64,
     /// Print one JSON document instead of text.
     #[arg(long)]
     json: bool,
+}
+
+impl Arguments {
+    fn wanted(&self) -> Option<Wanted<'_>> {
+        let overlap_radius_m = self.overlap_radius;
+        self.report.as_deref().map(|file| Wanted { file, overlap_radius_m })
+    }
 }
 
 /// What is printed under `--json`.
@@ -82,12 +99,16 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
                 protocols: &arguments.protocols,
                 benchmark: arguments.benchmarks.first().map(PathBuf::as_path),
                 reference_quirks: arguments.reference_quirks,
+                page: arguments.wanted(),
             };
             evaluate_set::run(&job, arguments.json, verbosity)?;
         }
         (None, Some(truth)) => one(&arguments, truth, verbosity)?,
         // Ruled out by the arguments' own rules.
         (None, None) => {}
+    }
+    if let Some(file) = arguments.report.as_ref().filter(|_| !verbosity.quiet && !arguments.json) {
+        terminal::print_line(&format!("written    {}", file.display()))?;
     }
     Ok(Status::Success)
 }
@@ -109,6 +130,16 @@ fn one(arguments: &Arguments, truth_folder: &Path, verbosity: &Verbosity) -> any
     let declined = document.scans.iter().zip(&reconstruction.outcomes);
     let declined = declined.filter(|d| d.1.placement().is_none()).map(|d| d.0.name.clone()).collect();
     let report = Report { declined, poses, benchmarks };
+    if let Some(wanted) = arguments.wanted() {
+        let result = OneResult {
+            document: &document,
+            poses: &report.poses,
+            truth_deviation: deviation,
+            recalls: &report.benchmarks,
+            limit_m: arguments.threshold,
+        };
+        evaluate_page::write(&wanted, evaluate_page::of_result(&wanted, truth_folder, &result)?)?;
+    }
     if arguments.json {
         terminal::print(&(serde_json::to_string_pretty(&report).context("writing the report")? + "\n"))?;
     } else if !verbosity.quiet {

@@ -1,5 +1,6 @@
 //! `scanweave evaluate --dataset`: many scenes at once.
 
+use super::evaluate_page::{self, Wanted};
 use super::{Verbosity, terminal};
 use anyhow::Context;
 use scanweave::Error;
@@ -26,6 +27,8 @@ pub struct Job<'a> {
     pub benchmark: Option<&'a Path>,
     /// Drop the first counted pair of a scene.
     pub reference_quirks: bool,
+    /// The page to write, where one is wanted.
+    pub page: Option<Wanted<'a>>,
 }
 
 pub fn run(job: &Job<'_>, json: bool, verbosity: &Verbosity) -> anyhow::Result<()> {
@@ -44,15 +47,22 @@ pub fn run(job: &Job<'_>, json: bool, verbosity: &Verbosity) -> anyhow::Result<(
             Benchmark { name: protocol.name().to_owned(), protocol, folder }
         })
         .collect();
-    let mut scenes = Vec::new();
+    let (mut scenes, mut sheets) = (Vec::new(), Vec::new());
     for folder in find_scenes(&scenes_folder(job), job.scenes)? {
         let truth = SceneTruth::read(&folder, &benchmarks)?;
         let estimate = SceneEstimate::read(job.results, &truth)?;
         let mut report = evaluate_scene(&truth, &estimate, job.reference_quirks)?;
+        if let Some(wanted) = &job.page {
+            let places = (folder.as_path(), job.results);
+            sheets.push(evaluate_page::of_scene(wanted, places, &truth, &estimate, &report)?);
+        }
         if !job.protocols.contains(&Protocol::Scannet) {
             (report.pairs, report.errors) = (Vec::new(), None);
         }
         scenes.push(report);
+    }
+    if let Some(wanted) = &job.page {
+        evaluate_page::write(wanted, sheets)?;
     }
     let report = SetReport::new(scenes);
     if json {

@@ -8,6 +8,7 @@ mod demo;
 mod describe;
 mod diagnose;
 mod evaluate;
+mod evaluate_page;
 mod evaluate_retrieval;
 mod evaluate_set;
 mod fuse;

@@ -3,16 +3,17 @@
 use super::evaluate::against_truth;
 use super::options::ThreadOption;
 use super::progress::Progress;
-use super::result_folder::{CONFIG, OVERLAP, PAGE, POSES, REPORT};
+use super::result_folder::{CONFIG, OVERLAP, PAGE, POSES, REPORT, merged_files};
 use super::{Status, Verbosity, terminal};
 use clap::Args;
 use rayon::prelude::*;
 use scanweave::descriptor::surface;
 use scanweave::geometry::Point;
+use scanweave::report::html::PointSource;
 use scanweave::report::poses::Document;
 use scanweave::report::run::RunReport;
-use scanweave::report::{html, overlaps};
-use scanweave::scan::{PointCloud, Surface};
+use scanweave::report::{html, merged, overlaps};
+use scanweave::scan::{PointCloud, Reconstruction, Surface};
 use scanweave::{Error, Monitor, io};
 use std::io::Write;
 use std::path::PathBuf;
@@ -20,7 +21,8 @@ use std::path::PathBuf;
 /// Make report.html of an existing result anew: one file for any browser, without a network.
 ///
 /// `register` and `demo --output` write it too. The points come from the scan files that
-/// poses.json names; where these are gone, --scans says where they are now.
+/// poses.json names; --scans says where they are now. Where a file is gone, the page shows what the
+/// result's own merged clouds (merged.ply, merged_1.ply, ...) hold of its scan, and says so.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Output folder of `register`.
@@ -52,20 +54,27 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
         true => Some(overlaps::read_predicted(&overlap_file, poses.scans.len())?),
         false => None,
     };
+    let reconstruction = poses.reconstruction()?;
     let truth = match &arguments.truth {
-        Some(truth) => Some(against_truth(&poses, &poses.reconstruction()?, truth)?.0),
+        Some(truth) => Some(against_truth(&poses, &reconstruction, truth)?.0),
         None => None,
     };
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;
-    let clouds = clouds(arguments, &poses, &progress)?;
-    let surfaces: Vec<Surface> = clouds.iter().map(|c| surface::thin(c, &report.scale)).collect();
+    let (clouds, sources) = clouds(arguments, &poses, &reconstruction, &progress)?;
+    let surface = |(cloud, source): (&PointCloud, &PointSource)| match source {
+        PointSource::Scan => surface::thin(cloud, &report.scale),
+        // A mean over scans lies closer to each of them than the scans to each other.
+        PointSource::Merged => Surface::default(),
+    };
+    let surfaces: Vec<Surface> = clouds.iter().zip(&sources).map(surface).collect();
     let page = html::page(&html::Input {
         poses: &poses,
         run: &report,
         config: &config,
         similarity: similarity.as_ref(),
         clouds: &clouds.iter().collect::<Vec<_>>(),
+        sources: &sources,
         surfaces: &surfaces,
         truth: truth.as_ref(),
     })?;
@@ -78,48 +87,65 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     Ok(Status::Success)
 }
 
-/// Points of every scan; those that are no longer to be found are empty.
+/// Points of every scan and where they come from: its file, else the result's merged clouds; empty
+/// where neither has any.
 fn clouds(
     arguments: &Arguments,
     poses: &Document,
+    reconstruction: &Reconstruction,
     monitor: &dyn Monitor,
-) -> scanweave::Result<Vec<PointCloud>> {
+) -> scanweave::Result<(Vec<PointCloud>, Vec<PointSource>)> {
     const STAGE: &str = "reading scans";
-    let files: Vec<Option<PathBuf>> = match arguments.scans.is_empty() {
-        true => poses.scans.iter().map(|s| s.file.as_ref().map(PathBuf::from)).collect(),
-        false => {
-            let found = io::discover(&arguments.scans)?;
-            if found.len() != poses.scans.len() {
-                return Err(Error::setting(
-                    "--scans",
-                    format!("{} scans", found.len()),
-                    format!("the {} scans that were registered", poses.scans.len()),
-                    "name the same scans as for `register`",
-                ));
-            }
-            found.into_iter().map(Some).collect()
-        }
-    };
+    let files = files(arguments, poses)?;
     monitor.begin(STAGE, files.len());
     let read = |file: &Option<PathBuf>| {
         monitor.check(STAGE)?;
         monitor.advance(1);
-        match file.as_deref().filter(|f| f.exists()) {
-            Some(file) => io::read_cloud(file),
-            None => Ok(PointCloud::from_points(Vec::<Point>::new())),
+        file.as_deref().filter(|f| f.exists()).map(io::read_cloud).transpose()
+    };
+    let read: Vec<scanweave::Result<Option<PointCloud>>> = files.par_iter().map(read).collect();
+    monitor.end();
+    let read = read.into_iter().collect::<scanweave::Result<Vec<_>>>()?;
+    let mut merged = match read.iter().all(Option::is_some) {
+        true => Vec::new(),
+        false => {
+            let files = merged_files(&arguments.result, poses.components.len());
+            merged::points_of_scans(&files, reconstruction)?
         }
     };
-    let clouds: Vec<scanweave::Result<PointCloud>> = files.par_iter().map(read).collect();
-    monitor.end();
-    let clouds = clouds.into_iter().collect::<scanweave::Result<Vec<_>>>()?;
-    let missing: Vec<&str> =
-        poses.scans.iter().zip(&clouds).filter(|(_, c)| c.is_empty()).map(|(s, _)| s.name.as_str()).collect();
-    if let Some(first) = missing.first() {
+    let (mut clouds, mut sources, mut gone) = (Vec::new(), Vec::new(), Vec::new());
+    for (i, cloud) in read.into_iter().enumerate() {
+        let kept = merged.get_mut(i).map(std::mem::take).filter(|m| !m.is_empty());
+        sources.push(if cloud.is_none() && kept.is_some() { PointSource::Merged } else { PointSource::Scan });
+        if cloud.is_none() {
+            gone.push((poses.scans[i].name.as_str(), kept.is_some()));
+        }
+        clouds.push(cloud.or(kept).unwrap_or_else(|| PointCloud::from_points(Vec::<Point>::new())));
+    }
+    if let Some((first, _)) = gone.first() {
         tracing::warn!(
-            "the files of {} scans are not where they were ({first}, …): the page shows no points of \
-             them; pass --scans with where they are now",
-            missing.len()
+            "the files of {} scans are not where they were ({first}, …): the page shows what the merged \
+             cloud holds of {} of them, and no points of the others; pass --scans with where they are now",
+            gone.len(),
+            gone.iter().filter(|g| g.1).count()
         );
     }
-    Ok(clouds)
+    Ok((clouds, sources))
+}
+
+/// Where the scans are, as far as that is known.
+fn files(arguments: &Arguments, poses: &Document) -> scanweave::Result<Vec<Option<PathBuf>>> {
+    if arguments.scans.is_empty() {
+        return Ok(poses.scans.iter().map(|s| s.file.as_ref().map(PathBuf::from)).collect());
+    }
+    let found = io::discover(&arguments.scans)?;
+    if found.len() != poses.scans.len() {
+        return Err(Error::setting(
+            "--scans",
+            format!("{} scans", found.len()),
+            format!("the {} scans that were registered", poses.scans.len()),
+            "name the same scans as for `register`",
+        ));
+    }
+    Ok(found.into_iter().map(Some).collect())
 }

@@ -82,6 +82,7 @@ impl ResultFolder {
                 config: &settings,
                 similarity: Some(&run.similarity),
                 clouds: &clouds,
+                sources: &vec![html::PointSource::Scan; scans.len()],
                 surfaces: &run.surfaces,
                 truth: None,
             })?;
@@ -150,6 +151,11 @@ impl Written {
         });
         format!("{document:#}\n")
     }
+}
+
+/// The merged clouds of a result with so many components.
+pub fn merged_files(folder: &Path, components: usize) -> Vec<PathBuf> {
+    (0..components).map(|c| folder.join(numbered("merged", c, "ply"))).collect()
 }
 
 /// `merged.ply` of the first component, `merged_1.ply` of the second.

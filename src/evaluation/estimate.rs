@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::io::poses::{read_kitti, read_log, read_tum};
 use crate::report::poses::Document;
-use crate::scan::{Outcome, Reconstruction};
+use crate::scan::{DeclineReason, Outcome, Placement, Reconstruction};
 use std::path::{Path, PathBuf};
 
 /// Estimated poses of the scans of one scene, in their order.
@@ -49,20 +49,48 @@ impl SceneEstimate {
     /// # Errors
     /// No such file, or one that does not fit the scene.
     pub fn read(results: &Path, truth: &SceneTruth) -> Result<Self> {
-        let scene = &truth.name;
+        Self::read_file(&Self::file(results, &truth.name)?, truth)
+    }
+
+    /// The file that [`SceneEstimate::read`] reads for a scene.
+    ///
+    /// # Errors
+    /// No such file.
+    pub fn file(results: &Path, scene: &str) -> Result<PathBuf> {
         let inside = ["poses.json", "trajectory.log", "poses.txt", "trajectory.tum"];
         let beside = ["json", "log", "txt", "tum"].map(|e| results.join(format!("{scene}.{e}")));
         let mut places: Vec<PathBuf> = inside.iter().map(|n| results.join(scene).join(n)).collect();
         places.extend(beside);
-        let Some(file) = places.iter().find(|p| p.is_file()) else {
-            return Err(Error::file(
+        places.into_iter().find(|p| p.is_file()).ok_or_else(|| {
+            Error::file(
                 results.join(scene),
                 "no estimated poses",
                 "poses.json, trajectory.log, poses.txt or trajectory.tum in it, or a file of the scene's name beside it",
                 "register this scene too, or name the scenes to evaluate with --scene",
-            ));
+            )
+        })
+    }
+
+    /// The poses alone, as a reconstruction that tells nothing of how it grew.
+    pub fn reconstruction(&self) -> Reconstruction {
+        let outcome = |(pose, reason): (&Option<(usize, RigidMotion)>, &Option<String>)| match pose {
+            Some((component, world_from_scan)) => Outcome::Placed(Placement {
+                world_from_scan: *world_from_scan,
+                component: *component,
+                step: 0,
+                parent: None,
+                matches: 0,
+                inliers: 0,
+                residual_m: 0.0,
+                support: None,
+                hold: None,
+                neighbours: Vec::new(),
+            }),
+            None => {
+                Outcome::Declined(DeclineReason::Degenerate { detail: reason.clone().unwrap_or_default() })
+            }
         };
-        Self::read_file(file, truth)
+        Reconstruction { outcomes: self.poses.iter().zip(&self.reasons).map(outcome).collect() }
     }
 
     fn read_file(file: &Path, truth: &SceneTruth) -> Result<Self> {

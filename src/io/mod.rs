@@ -16,6 +16,7 @@ pub mod features;
 #[cfg(feature = "las")]
 mod las;
 mod lzf;
+mod merged;
 mod npy;
 mod overlaps;
 pub mod pairs;
@@ -32,6 +33,7 @@ mod write_ply;
 
 pub use cloud::read_cloud;
 pub use discover::{discover, scan_files};
+pub use merged::read_merged;
 pub use overlaps::read_overlaps;
 pub use scans::{read_scans, unique_names};
 pub use write_ply::{PlyCloud, write_ply};

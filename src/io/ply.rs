@@ -21,22 +21,54 @@ struct Fields {
 /// # Errors
 /// [`Error::File`] when the header cannot be used, or the data hold fewer or more rows than it says.
 pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<PointCloud> {
+    read_fields(path, bytes, find_fields)
+}
+
+/// Reads one scalar property of every vertex.
+///
+/// # Errors
+/// As [`read`]; [`Error::File`] where the property is missing or a value is not finite.
+pub(super) fn read_property(path: &Path, bytes: &[u8], name: &str) -> Result<Vec<f64>> {
+    // The value stands for all three coordinates of a cloud, whose first one is then read.
+    let fields = |path: &Path, vertex: &Element| {
+        let remedy = "name a file that has it";
+        let found = format!("vertices without a property {name}");
+        let missing = || Error::file(path, found, format!("a scalar property {name}"), remedy);
+        Ok(Fields { xyz: [scalar(vertex, &[name]).ok_or_else(missing)?; 3], rgb: None })
+    };
+    let cloud = read_fields(path, bytes, fields)?;
+    if cloud.dropped_rows > 0 {
+        let found = format!("{} rows whose {name} is no finite number", cloud.dropped_rows);
+        return Err(Error::file(path, found, "finite numbers", "write the file again"));
+    }
+    Ok(cloud.points.iter().map(|p| f64::from(p.x) + cloud.origin_m.x).collect())
+}
+
+fn read_fields(
+    path: &Path,
+    bytes: &[u8],
+    find: impl Fn(&Path, &Element) -> Result<Fields>,
+) -> Result<PointCloud> {
     let header = ply_header::parse(path, bytes)?;
     let vertex = header.elements.iter().position(|e| e.name == "vertex").ok_or_else(|| {
         let names: Vec<&str> = header.elements.iter().map(|e| e.name.as_str()).collect();
         let found = format!("elements [{}]", names.join(", "));
         Error::file(path, found, "an element named vertex", "export the scan as a point cloud")
     })?;
-    let fields = find_fields(path, &header.elements[vertex])?;
+    let fields = find(path, &header.elements[vertex])?;
     match header.encoding {
         Encoding::Ascii => read_ascii(path, bytes, &header, vertex, &fields),
         Encoding::Binary(endian) => read_binary(path, bytes, &header, vertex, &fields, endian),
     }
 }
 
+/// Place of the first of these properties that is one number.
+fn scalar(vertex: &Element, names: &[&str]) -> Option<usize> {
+    vertex.find(names).filter(|&i| matches!(vertex.properties[i].kind, Kind::Scalar(_)))
+}
+
 fn find_fields(path: &Path, vertex: &Element) -> Result<Fields> {
-    let scalar =
-        |names: &[&str]| vertex.find(names).filter(|&i| matches!(vertex.properties[i].kind, Kind::Scalar(_)));
+    let scalar = |names: &[&str]| scalar(vertex, names);
     let xyz = match (scalar(&["x"]), scalar(&["y"]), scalar(&["z"])) {
         (Some(x), Some(y), Some(z)) => [x, y, z],
         _ => {

@@ -1,6 +1,6 @@
 //! A diagnosis as text and tables.
 
-use super::grid::{csv, heads, markdown};
+use super::grid::{Grid, csv, heads};
 use crate::evaluation::diagnosis::{Cause, Diagnosis, PairFinding, ScanFinding};
 use std::fmt::Write;
 
@@ -110,14 +110,19 @@ impl Diagnosis {
         )
         .ok();
         text.push_str("## What went wrong first\n\n");
-        text.push_str(&self.origins());
+        text.push_str(&self.origins().markdown());
         text.push_str("\n## Failed pairs\n\n");
-        text.push_str(&markdown(&PAIR_COLUMNS.map(|c| c.replace('_', " ")), 1, &self.pair_rows()));
+        text.push_str(&self.failed_pairs().markdown());
         text
     }
 
+    /// Every failed pair.
+    pub fn failed_pairs(&self) -> Grid {
+        Grid::new(PAIR_COLUMNS.map(|c| c.replace('_', " ")).to_vec(), 1, self.pair_rows())
+    }
+
     /// One row for every scan (and cause) that failed pairs began with, the costliest first.
-    fn origins(&self) -> String {
+    pub fn origins(&self) -> Grid {
         let mut groups: Vec<(usize, Cause, usize)> = Vec::new();
         for pair in &self.pairs {
             match groups.iter_mut().find(|g| (g.0, g.1) == (pair.scan, pair.cause)) {
@@ -137,7 +142,7 @@ impl Diagnosis {
             ]
         };
         let head = heads(&["scan", "cause", "failed pairs", "step", "evidence"]);
-        markdown(&head, head.len(), &groups.iter().map(row).collect::<Vec<_>>())
+        Grid::new(head, 5, groups.iter().map(row).collect())
     }
 
     /// Why that scan is held to be the first that went wrong, in a sentence.

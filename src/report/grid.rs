@@ -2,6 +2,71 @@
 
 use std::fmt::Write;
 
+/// A table for people.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Grid {
+    /// Heads of the columns.
+    pub head: Vec<String>,
+    /// So many columns hold text, the others numbers.
+    pub left: usize,
+    /// One a line.
+    pub rows: Vec<Row>,
+}
+
+/// A line of a [`Grid`].
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Row {
+    /// One a column.
+    pub cells: Vec<String>,
+    /// Its figures were published elsewhere and not measured here.
+    pub quoted: bool,
+}
+
+/// A heading, an explanation and the tables below it.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Part {
+    /// Heading.
+    pub title: String,
+    /// How the tables are to be read; may be empty.
+    pub text: String,
+    /// The tables.
+    pub grids: Vec<Grid>,
+}
+
+impl Grid {
+    /// A table whose rows are all our own.
+    pub fn new(head: Vec<String>, left: usize, rows: Vec<Vec<String>>) -> Self {
+        let rows = rows.into_iter().map(|cells| Row { cells, quoted: false }).collect();
+        Self { head, left, rows }
+    }
+
+    /// As Markdown; the second cell of a quoted row is in italics.
+    pub fn markdown(&self) -> String {
+        let cells = |row: &Row| {
+            let mut cells = row.cells.clone();
+            if let Some(cell) = cells.get_mut(1).filter(|_| row.quoted) {
+                *cell = format!("*{cell}*");
+            }
+            cells
+        };
+        markdown(&self.head, self.left, &self.rows.iter().map(cells).collect::<Vec<_>>())
+    }
+}
+
+impl Part {
+    /// As Markdown, with an empty line at the end.
+    pub fn markdown(&self) -> String {
+        let mut text = format!("## {}\n\n", self.title);
+        if !self.text.is_empty() {
+            text.push_str(&format!("{}\n\n", self.text));
+        }
+        for grid in &self.grids {
+            text.push_str(&(grid.markdown() + "\n"));
+        }
+        text
+    }
+}
+
 /// A Markdown table; the first `left` columns are aligned left, the others right.
 pub fn markdown(head: &[String], left: usize, rows: &[Vec<String>]) -> String {
     let cell = |row: &[String], c: usize| row.get(c).map_or("", String::as_str).replace('|', "\\|");

@@ -1,5 +1,6 @@
 //! A picture of how a model grew, and where it went wrong.
 
+use super::markup::escaped;
 use crate::evaluation::diagnosis::{Diagnosis, ScanFinding};
 use std::fmt::Write;
 
@@ -125,10 +126,6 @@ fn label(f: &ScanFinding) -> String {
         write!(text, ": {}", cause.name()).ok();
     }
     text
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 // report.html in a real browser. Run by scripts/test-report.sh, which makes the reports:
 // REPORTS/plain has five scans of a room and one of elsewhere, REPORTS/hostile hostile names,
-// REPORTS/two four scans of one room and three of another.
+// REPORTS/two four scans of one room and three of another, REPORTS/gone the scans of plain no more.
 import assert from 'node:assert/strict';
 import { join } from 'node:path';
 import { after, before, test } from 'node:test';
@@ -63,6 +63,60 @@ test('a scan can be shown alone, also one that was left out', async () => {
   assert.match(await page.locator('#details').textContent(), /Left out/);
   await alone.click();
   assert.equal(await points(page), all);
+  await page.close();
+});
+
+test('a click on a scan chooses it, a drag and a click on nothing do not', async () => {
+  const { page, problems } = await open(browser, plain);
+  for (const mark of ['Shading', 'Scanner positions and joins']) await page.getByLabel(mark).uncheck();
+  const canvas = page.locator('#canvas');
+  await canvas.scrollIntoViewIfNeeded();
+  const box = await canvas.boundingBox();
+  let [picture, width] = [await pixels(page), Math.round(box.width)];
+  const rows = await page.locator('#scans li').evaluateAll((all) => all.filter((row) => row.querySelector('input:checked'))
+    .map((row) => [row.querySelector('.name').firstChild.textContent, row.querySelector('.swatch').style.background.match(/\d+/g).map(Number)]));
+  assert.equal(rows.length, 5);
+  const chosen = () => page.locator('#scans li.chosen .name').evaluateAll((all) => all.map((e) => e.firstChild.textContent));
+  // Where a patch of 9 by 9 pixels has the colour of one scan, the middle of it is that scan.
+  const patch = (colour) => {
+    const value = (colour[0] << 16) | (colour[1] << 8) | colour[2];
+    for (let y = 20; y < picture.length / width - 20; y++) for (let x = 220; x < width - 20; x++) {
+      let same = true;
+      for (let k = 0; same && k < 81; k++) same = picture[(y + (k % 9) - 4) * width + x + Math.floor(k / 9) - 4] === value;
+      if (same) return { x: box.x + x + 0.5, y: box.y + y + 0.5 };
+    }
+    return null;
+  };
+  let found = 0;
+  // From several sides: what lies behind must not be chosen.
+  for (let side = 0; side < 4; side++) {
+    for (const [name, colour] of rows) {
+      const at = patch(colour);
+      if (!at) continue;
+      found += 1;
+      await page.mouse.click(at.x, at.y);
+      assert.deepEqual(await chosen(), [name]);
+      assert.equal(await page.locator('#details h2').textContent(), name);
+    }
+    for (let turn = 0; turn < 13; turn++) await page.keyboard.press('ArrowLeft');
+    picture = await pixels(page);
+  }
+  assert.ok(found >= 12, `${found} patches of one scan`);
+  const before = await chosen();
+  const other = patch(rows.find(([name]) => name !== before[0])[1]) ?? { x: box.x + 300, y: box.y + 200 };
+  await page.mouse.click(other.x, other.y, { button: 'right' });
+  assert.deepEqual(await chosen(), before);
+  await page.mouse.move(other.x, other.y);
+  await page.mouse.down();
+  await page.mouse.move(other.x + 40, other.y + 10, { steps: 4 });
+  await page.mouse.up();
+  assert.deepEqual(await chosen(), before);
+  await page.keyboard.press('Home');
+  await drawn(page);
+  await page.mouse.click(box.x + box.width - 6, box.y + 12);
+  assert.deepEqual(await chosen(), []);
+  assert.equal(await page.locator('#details').isVisible(), false);
+  assert.deepEqual(problems, []);
   await page.close();
 });
 
@@ -188,6 +242,17 @@ test('models that found no join are shown one at a time', async () => {
   await page.locator('#scans .name').first().click();
   assert.equal(await pick.inputValue(), '0');
   assert.match(await page.locator('#shown').textContent(), /^4 scans shown/);
+  assert.deepEqual(problems, []);
+  await page.close();
+});
+
+test('a result without its scans shows its merged cloud and says so', async () => {
+  const { page, problems } = await open(browser, join(reports, 'gone/report.html'));
+  assert.match(await page.locator('#note').textContent(), /^The points of 5 scans come from the merged cloud .* The points of 1 scan were not at hand/);
+  const share = covered(await pixels(page));
+  assert.ok(share > 0.05 && share < 0.95, `${share} of the canvas is covered`);
+  const modes = await page.getByLabel('Colour by').locator('option').evaluateAll((all) => all.map((o) => o.value));
+  assert.deepEqual(modes, ['scan', 'step', 'probability', 'original']);
   assert.deepEqual(problems, []);
   await page.close();
 });

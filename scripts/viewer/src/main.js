@@ -7,21 +7,7 @@ import { details, evidence, leftOut, list, note, runFacts, tree } from './panels
 import { matrix } from './matrix.js';
 import { View } from './scene.js';
 import { State } from './state.js';
-
-function theme(view) {
-  const toggle = byId('theme');
-  const apply = (dark) => {
-    document.documentElement.dataset.theme = dark ? 'dark' : 'light';
-    toggle.setAttribute('aria-pressed', String(dark));
-    const ground = getComputedStyle(document.documentElement).getPropertyValue('--view').trim();
-    view?.ground.setStyle(ground, '');
-    view?.draw();
-  };
-  const wanted = window.matchMedia('(prefers-color-scheme: dark)');
-  apply(wanted.matches);
-  wanted.addEventListener('change', (e) => apply(e.matches));
-  toggle.addEventListener('click', () => apply(document.documentElement.dataset.theme !== 'dark'));
-}
+import { theme } from './theme.js';
 
 function viewBar(data, state, view) {
   const bar = byId('view-bar');
@@ -136,9 +122,14 @@ function start() {
   };
   viewBar(data, state, view);
   state.onChange((_, changed) => (changed.size === 1 && changed.has('selected') ? null : show()));
+  if (view) view.orbit.onClick = (x, y) => state.select(view.pick(x, y));
   if (view) new ResizeObserver(() => view.resize()).observe(byId('canvas'));
   show();
-  theme(view);
+  theme(() => {
+    const ground = getComputedStyle(document.documentElement).getPropertyValue('--view').trim();
+    view?.ground.setStyle(ground, '');
+    view?.draw();
+  });
   // For measuring: scripts/report-figures.mjs turns the model once and counts.
   window.scanweave = {
     ready: true,

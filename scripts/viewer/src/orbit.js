@@ -16,6 +16,7 @@ export class Orbit {
     this.flipped = false;
     this.fitted = false;
     this.pointers = new Map();
+    this.several = false;
     this.onClick = () => {};
     canvas.addEventListener('pointerdown', (e) => this.down(e));
     canvas.addEventListener('pointermove', (e) => this.moved(e));
@@ -109,6 +110,7 @@ export class Orbit {
   }
 
   down(e) {
+    if (!this.pointers.size) this.several = false;
     this.canvas.focus({ preventScroll: true });
     this.canvas.setPointerCapture(e.pointerId);
     this.pointers.set(e.pointerId, { x: e.clientX, y: e.clientY, travel: 0 });
@@ -136,7 +138,9 @@ export class Orbit {
   up(e) {
     const pointer = this.pointers.get(e.pointerId);
     this.pointers.delete(e.pointerId);
-    if (pointer && pointer.travel < CLICK_PX && e.type === 'pointerup') {
+    // A press that was moved, a second finger or another button turns and shifts, and chooses nothing.
+    if (this.pointers.size) this.several = true;
+    else if (pointer && pointer.travel < CLICK_PX && e.type === 'pointerup' && e.button === 0 && !this.several) {
       const box = this.canvas.getBoundingClientRect();
       this.onClick(e.clientX - box.left, e.clientY - box.top);
     }

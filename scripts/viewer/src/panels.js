@@ -3,6 +3,7 @@
 import { button, byId, check, el } from './dom.js';
 import { counted, length, overlapOf, predicted, share, verified } from './data.js';
 import { css, scanColour } from './colours.js';
+import { compared, sortState } from './sort.js';
 
 export function leftOut(data, state) {
   const lost = data.scans.map((s, i) => [s, i]).filter(([s]) => s.left_out);
@@ -26,6 +27,8 @@ export function note(data) {
   const { components, scans } = data;
   const parts = [];
   if (components.length > 1) parts.push('Positions in different models have nothing to do with each other: each model is shown by itself.');
+  const merged = scans.filter((s) => s.points.count && s.points_from === 'merged').length;
+  if (merged) parts.push(`The points of ${counted(merged, 'scan')} come from the merged cloud of the result, as the scan files were not at hand: where scans overlap, only one of them shows points.`);
   const without = scans.filter((s) => !s.points.count).length;
   if (without) parts.push(`The points of ${counted(without, 'scan')} were not at hand when this page was made.`);
   const worst = scans.filter((s) => s.error).sort((a, b) => b.error.translation_m - a.error.translation_m);
@@ -59,6 +62,13 @@ export function list(data, state) {
   });
   const all = () => data.scans.map((_, i) => i);
   byId('list-bar').append(search, button('All', () => { state.solo = null; state.hide(all(), false); }), button('None', () => { state.solo = null; state.hide(all(), true); }));
+  state.onChange((_, changed) => {
+    const row = changed.has('selected') && rows[state.selected]?.row;
+    if (!row) return;
+    // Within the list only: the page stays where it is.
+    const [inner, outer] = [row.getBoundingClientRect(), byId('scans').getBoundingClientRect()];
+    if (inner.top < outer.top || inner.bottom > outer.bottom) byId('scans').scrollTop += inner.top - outer.top;
+  });
   const update = () => rows.forEach(({ row, box }, i) => {
     box.checked = Boolean(data.scans[i].placed) && !state.hidden.has(i);
     row.classList.toggle('chosen', state.selected === i);
@@ -127,22 +137,13 @@ export function evidence(data, state) {
   const heads = [null, ...shown.keys()].map((c) => {
     const head = el('th', { scope: 'col', className: c !== null && !shown[c][3] ? 'number' : '', 'aria-sort': 'none' });
     head.append(button(c === null ? 'Scan' : shown[c][0], () => {
-      const down = head.getAttribute('aria-sort') === 'ascending';
-      for (const other of heads) other.setAttribute('aria-sort', 'none');
-      head.setAttribute('aria-sort', down ? 'descending' : 'ascending');
+      const down = sortState(heads, head);
       body.append(...data.scans.map((_, i) => i).sort((a, b) => compared(value(a, c), value(b, c), down) || a - b).map((i) => rows[i]));
     }));
     return head;
   });
   byId('evidence').append(el('table', {}, el('thead', {}, el('tr', {}, ...heads)), body));
   state.onChange(() => rows.forEach((row, i) => row.classList.toggle('chosen', state.selected === i)));
-}
-
-/** Order of two values; those that are missing come last either way. */
-function compared(a, b, down) {
-  if (a === null || b === null) return (a === null) - (b === null);
-  const order = typeof a === 'number' ? a - b : String(a).localeCompare(String(b), 'en', { numeric: true });
-  return down ? -order : order;
 }
 
 export function tree(data, state) {

@@ -14,6 +14,10 @@ import { POINT_FRAGMENT, POINT_VERTEX, SCREEN_FRAGMENT, SCREEN_VERTEX } from './
 
 const IDENTITY = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]];
 const SAMPLE = 400;
+/** A click chooses among points up to so many pixels away. */
+const REACH_PX = 7;
+/** How much nearer to the eye a point must be for each length that it is farther from the click. */
+const ASIDE = 4;
 /** Share of the points below which the rest of the picture gets simpler too. */
 const COARSE = 0.6;
 
@@ -175,6 +179,40 @@ export class View {
     return scans.length > 0 && known.length >= 0.7 * scans.length;
   }
 
+  /** Height along up beyond which nothing is drawn. */
+  cutHeight() {
+    const { low, high } = this.frame;
+    return this.options.cut >= 1 ? Infinity : low + this.options.cut * (high - low);
+  }
+
+  /** The scan that is drawn at a place of the canvas, in its CSS pixels from above left; or null. */
+  pick(x, y) {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    this.orbit.place(this.camera);
+    const clipFromView = new Matrix4().multiplyMatrices(this.camera.projectionMatrix, this.camera.matrixWorldInverse);
+    const [up, cut] = [this.frame.up, this.cutHeight()];
+    const pixel = (2 * Math.tan((Math.PI / 360) * this.camera.fov)) / height;
+    let best = { cost: Infinity, index: null };
+    for (const cloud of this.clouds.filter((c) => c.visible)) {
+      const { index, packed } = cloud.userData;
+      const m = new Matrix4().multiplyMatrices(clipFromView, cloud.matrix).elements;
+      const w = cloud.matrix.elements;
+      const [ux, uy, uz, u0] = [0, 4, 8, 12].map((c) => up[0] * w[c] + up[1] * w[c + 1] + up[2] * w[c + 2]);
+      for (let i = 0; i < 3 * packed.count; i += 3) {
+        const [px, py, pz] = [packed.xyz[i] / 65535, packed.xyz[i + 1] / 65535, packed.xyz[i + 2] / 65535];
+        const depth = m[3] * px + m[7] * py + m[11] * pz + m[15];
+        if (depth <= this.camera.near) continue;
+        const dx = (0.5 + (0.5 * (m[0] * px + m[4] * py + m[8] * pz + m[12])) / depth) * width - x;
+        const dy = (0.5 - (0.5 * (m[1] * px + m[5] * py + m[9] * pz + m[13])) / depth) * height - y;
+        const aside = Math.hypot(dx, dy);
+        if (aside > REACH_PX || ux * px + uy * py + uz * pz + u0 > cut) continue;
+        const cost = depth * (1 + ASIDE * aside * pixel);
+        if (cost < best.cost) best = { cost, index };
+      }
+    }
+    return best.index;
+  }
+
   resize() {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     if (!width || !height) return;
@@ -257,7 +295,7 @@ export class View {
     this.drawn += 1;
     const height = target.height;
     const scale = height / (2 * Math.tan((Math.PI / 360) * this.camera.fov));
-    const cut = this.options.cut >= 1 ? 1e9 : this.frame.low + this.options.cut * (this.frame.high - this.frame.low);
+    const cut = Math.min(1e9, this.cutHeight());
     for (const cloud of this.clouds) {
       if (!cloud.visible) continue;
       const { uniforms } = cloud.material;

@@ -15,7 +15,7 @@ const MOST_NEIGHBOURS: usize = 4;
 
 /// For every shown point of every placed scan its mean distance to the tangent planes of the
 /// surfaces of other scans within `radius_m`: 0 for none, 254 for `radius_m`, 255 where there
-/// is no such surface. `None` for scans that touch no other.
+/// is no such surface. `None` for scans that touch no other, or that have no surface themselves.
 pub(super) fn residuals(
     document: &Document,
     surfaces: &[Surface],
@@ -45,7 +45,7 @@ pub(super) fn residuals(
             })
             .filter(|&(_, j)| !surfaces[j].is_empty())
             .collect();
-        if others.is_empty() {
+        if others.is_empty() || surfaces[i].is_empty() {
             return None;
         }
         let value = |p| {
@@ -101,8 +101,12 @@ mod tests {
         let lone = placed(RigidMotion::identity(), 2, Some(0));
         let document = document([first, second, lone].map(Outcome::Placed).to_vec());
         let shown = vec![Shown { points, colors: None }; 3];
-        let found = residuals(&document, &vec![floor; 3], &shown, 0.1);
+        let floors = vec![floor; 3];
+        let found = residuals(&document, &floors, &shown, 0.1);
         assert_eq!(found[2], None);
+        // A scan without a surface of its own is compared with nothing, nor is anything with it.
+        let first_gone = [Surface::default(), floors[1].clone(), floors[2].clone()];
+        assert_eq!(residuals(&document, &first_gone, &shown, 0.1), [None, None, None]);
         let first = found[0].as_ref().unwrap();
         // 2 cm of 10 cm: 254 · 0.2 = 51. Left of x = 0.4 nothing of the second is within 10 cm.
         for (p, &value) in shown[0].points.iter().zip(first) {

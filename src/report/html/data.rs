@@ -2,7 +2,7 @@
 
 use super::super::poses::{Component, Entry, Verdict};
 use super::super::run::{ScanSize, StageTime};
-use super::points::{MOST_POINTS, Packed, choose};
+use super::points::{MOST_POINTS, Packed, PointSource, choose};
 use super::{Input, agreement, wording};
 use crate::descriptor::WorkingScale;
 use crate::evaluation::pose_error::PoseError;
@@ -45,6 +45,7 @@ struct ScanData<'a> {
     error: Option<PoseError>,
     /// Where the sensor stood, metres in the scan's frame.
     viewpoint: [f32; 3],
+    points_from: PointSource,
     points: Packed,
 }
 
@@ -110,6 +111,7 @@ impl<'a> Data<'a> {
             size: run.sizes.get(i),
             error: input.truth.and_then(|t| t.scans.iter().find(|e| e.scan.0 == i)).map(|e| e.error),
             viewpoint: input.clouds[i].viewpoint.coords.into(),
+            points_from: input.sources[i],
             points: Packed::new(&shown[i], residuals[i].as_deref()),
         });
         Self {

@@ -9,9 +9,10 @@ mod data;
 mod points;
 mod wording;
 
-pub use points::MOST_POINTS;
+pub use points::{MOST_POINTS, PointSource};
 pub use wording::headline;
 
+use super::markup::{escaped, filled};
 use super::poses::Document;
 use super::run::RunReport;
 use crate::error::{Error, Result};
@@ -33,7 +34,10 @@ pub struct Input<'a> {
     pub similarity: Option<&'a SimilarityMatrix>,
     /// Points of every scan; a scan whose points are not at hand has an empty cloud.
     pub clouds: &'a [&'a PointCloud],
-    /// The same scans, thinned, with normals.
+    /// Where those points come from.
+    pub sources: &'a [PointSource],
+    /// The same scans, thinned, with normals; empty for a scan that is not to be compared with
+    /// others.
     pub surfaces: &'a [Surface],
     /// Errors of the placed scans, where the truth is known.
     pub truth: Option<&'a PoseReport>,
@@ -46,33 +50,19 @@ pub struct Input<'a> {
 pub fn page(input: &Input<'_>) -> Result<String> {
     let n = input.poses.scans.len();
     let similar = input.similarity.map_or(n, SimilarityMatrix::len);
-    let lengths = [input.clouds.len(), input.surfaces.len(), input.run.evidence.len(), similar];
+    let points = [input.clouds.len(), input.sources.len(), input.surfaces.len()];
+    let lengths = [points[0], points[1], points[2], input.run.evidence.len(), similar];
     if lengths.iter().any(|&length| length != n) {
         return Err(Error::input(
             "report.html",
-            format!("{n} poses for {lengths:?} clouds, surfaces, rows of evidence and similarities"),
+            format!("{n} poses for {lengths:?} clouds, sources, surfaces, rows of evidence and similarities"),
             "one of each a scan",
             "make the report from the files of one run",
         ));
     }
     let headline = headline(input.poses);
     let json = script_text(&data::Data::new(input, &headline).to_json());
-    Ok(filled(&[("headline", &escaped(&headline)), ("data", &json)]))
-}
-
-/// The template with the values in the place of its marks, which stand in the same order.
-fn filled(values: &[(&str, &str)]) -> String {
-    let mut page = String::with_capacity(TEMPLATE.len() + values.iter().map(|v| v.1.len()).sum::<usize>());
-    let mut rest = TEMPLATE;
-    for (name, value) in values {
-        // A mark is looked for in the template only, never in a value.
-        if let Some((before, after)) = rest.split_once(&format!("<!--{name}-->")) {
-            page.push_str(before);
-            page.push_str(value);
-            rest = after;
-        }
-    }
-    page + rest
+    Ok(filled(TEMPLATE, &[("headline", &escaped(&headline)), ("data", &json)]))
 }
 
 /// JSON as the content of a `<script type="application/json">`: nothing in it can end the
@@ -86,11 +76,6 @@ fn script_text(json: &str) -> String {
         }
     }
     text
-}
-
-/// Text as the content of an HTML element.
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
 #[cfg(test)]

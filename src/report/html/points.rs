@@ -16,6 +16,16 @@ use serde::Serialize;
 /// 13.4 in base64: the page stays below 11 MB, and an ordinary graphics chip turns it smoothly.
 pub const MOST_POINTS: usize = 700_000;
 
+/// Where a page's points of a scan come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PointSource {
+    /// The scan itself.
+    Scan,
+    /// The merged cloud, in which overlapping scans share their points out.
+    Merged,
+}
+
 /// The points of one scan that are shown, in its own frame.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Shown {

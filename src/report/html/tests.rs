@@ -78,6 +78,7 @@ fn hostile_names_stay_inside_the_json_and_come_back_unchanged() {
         config: "a = \"</script>\"",
         similarity: None,
         clouds: &[&cloud; 4],
+        sources: &[PointSource::Scan; 4],
         surfaces: &vec![Surface::default(); 4],
         truth: None,
     };
@@ -110,6 +111,7 @@ fn lists_of_different_lengths_are_refused() {
         config: "",
         similarity: None,
         clouds: &[],
+        sources: &[],
         surfaces: &[],
         truth: None,
     };

@@ -1,0 +1,126 @@
+//! The page of `scanweave evaluate --report`.
+
+use super::diagnose::look_into;
+use scanweave::evaluation::dataset::{Declined, SceneReport};
+use scanweave::evaluation::diagnosis::Diagnosis;
+use scanweave::evaluation::estimate::SceneEstimate;
+use scanweave::evaluation::pose_error::{PoseReport, evaluate_against_truth};
+use scanweave::evaluation::recall::{RecallReport, RecallSummary};
+use scanweave::evaluation::scene::SceneTruth;
+use scanweave::report::poses::{Document, Verdict};
+use scanweave::report::sheet::{Evaluation, SceneSheet, evaluation};
+use scanweave::{Error, io};
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::Write;
+use std::path::Path;
+
+/// Where the page goes and how it judges.
+#[derive(Debug, Clone, Copy)]
+pub struct Wanted<'a> {
+    /// The file.
+    pub file: &'a Path,
+    /// Distance within which points of two scans count as common, metres.
+    pub overlap_radius_m: f64,
+}
+
+/// One result against the truth in `folder`.
+pub struct OneResult<'a> {
+    /// The result.
+    pub document: &'a Document,
+    /// Its errors.
+    pub poses: &'a PoseReport,
+    /// How far the worst true rotation was from orthonormal.
+    pub truth_deviation: f64,
+    /// Recall by benchmark.
+    pub recalls: &'a BTreeMap<String, RecallReport>,
+    /// Error from which a pose is wrong, metres.
+    pub limit_m: f64,
+}
+
+/// The sheet of one result.
+pub fn of_result(
+    wanted: &Wanted<'_>,
+    folder: &Path,
+    result: &OneResult<'_>,
+) -> Result<Vec<SceneSheet>, Error> {
+    let truth = SceneTruth::read(folder, &[])?;
+    let declined = result.document.scans.iter().filter_map(|entry| match &entry.verdict {
+        Verdict::Placed(_) => None,
+        Verdict::Declined { explanation, .. } => {
+            Some(Declined { scan: entry.name.clone(), reason: explanation.clone() })
+        }
+    });
+    let report = SceneReport {
+        scene: truth.name.clone(),
+        scans: result.poses.total,
+        placed: result.poses.placed,
+        declined: declined.collect(),
+        truth_deviation: result.truth_deviation,
+        recalls: result.recalls.clone(),
+        pairs: Vec::new(),
+        errors: None,
+    };
+    let diagnosis = diagnosis(wanted, folder, &truth, result.document, result.limit_m, result.recalls)?;
+    let names = result.document.scans.iter().map(|s| s.name.clone()).collect();
+    Ok(vec![SceneSheet { report, names, poses: Some(result.poses.clone()), diagnosis }])
+}
+
+/// The sheet of one scene of a data set.
+pub fn of_scene(
+    wanted: &Wanted<'_>,
+    (folder, results): (&Path, &Path),
+    truth: &SceneTruth,
+    estimate: &SceneEstimate,
+    report: &SceneReport,
+) -> Result<SceneSheet, Error> {
+    let poses = match &truth.world_from_scan {
+        Some(poses) => Some(evaluate_against_truth(&estimate.reconstruction(), poses)?),
+        None => None,
+    };
+    let file = SceneEstimate::file(results, &truth.name)?;
+    let diagnosis = match file.extension().is_some_and(|e| e == "json") {
+        true => {
+            let document = Document::load(&file)?;
+            diagnosis(wanted, folder, truth, &document, truth.wrong_beyond_m(), &report.recalls)?
+        }
+        false => {
+            Err("These poses come from a trajectory, which does not tell how the model grew: what went \
+                      wrong first is not known."
+                .to_owned())
+        }
+    };
+    Ok(SceneSheet { report: report.clone(), names: truth.scans.clone(), poses, diagnosis })
+}
+
+/// What went wrong first, or why that is not known.
+fn diagnosis(
+    wanted: &Wanted<'_>,
+    folder: &Path,
+    truth: &SceneTruth,
+    document: &Document,
+    limit_m: f64,
+    recalls: &BTreeMap<String, RecallReport>,
+) -> Result<Result<Diagnosis, String>, Error> {
+    let unknown = |why: &str| Ok(Err(format!("What went wrong first is not known: {why}.")));
+    if truth.world_from_scan.is_none() {
+        return unknown("the true poses are not");
+    }
+    let short = |name: &String| name.rsplit('/').next().unwrap_or(name).to_owned();
+    let (ours, theirs): (Vec<String>, Vec<String>) =
+        (document.scans.iter().map(|s| short(&s.name)).collect(), truth.scans.iter().map(short).collect());
+    if ours != theirs {
+        return unknown("the result is not one of exactly these scans in this order");
+    }
+    let reconstruction = document.reconstruction()?;
+    look_into(folder, truth, &reconstruction, wanted.overlap_radius_m, limit_m, recalls).map(Ok)
+}
+
+/// Writes the page.
+pub fn write(wanted: &Wanted<'_>, scenes: Vec<SceneSheet>) -> Result<(), Error> {
+    let names: BTreeSet<String> = scenes.iter().flat_map(|s| s.report.recalls.keys().cloned()).collect();
+    let summary =
+        |name: &String| RecallSummary::new(scenes.iter().filter_map(|s| s.report.recalls.get(name)));
+    let recalls = names.iter().map(|name| (name.clone(), summary(name))).collect();
+    let page = evaluation(&Evaluation { scenes, recalls })?.html();
+    io::atomic::write(wanted.file, |out| out.write_all(page.as_bytes()))
+}
