@@ -64,6 +64,8 @@ pub struct Assembly<'a> {
     tried: BTreeSet<(ComponentId, ComponentId, usize, usize)>,
     /// Components refined with the full setting, and unchanged since.
     settled: BTreeSet<ComponentId>,
+    /// Scans that a review took out. One that joined again, knowing this, stays.
+    taken_out: BTreeSet<ScanId>,
     /// Supports of the members of components that a review left alone, while they are unchanged.
     reviewed: BTreeMap<ComponentId, Vec<Support>>,
 }
@@ -102,6 +104,7 @@ impl<'a> Assembly<'a> {
             next,
             tried: BTreeSet::new(),
             settled: BTreeSet::new(),
+            taken_out: BTreeSet::new(),
             reviewed: BTreeMap::new(),
         }
     }

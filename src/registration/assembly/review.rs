@@ -86,8 +86,8 @@ impl Assembly<'_> {
     }
 
     /// Looks at every placed scan again with all that is known now: one that fits better
-    /// elsewhere moves there, one that is not supported any more is taken out. Returns how many
-    /// changed.
+    /// elsewhere moves there, one that is not supported any more is taken out, once. Returns how
+    /// many changed.
     ///
     /// # Errors
     /// Only when the monitor is cancelled.
@@ -117,7 +117,7 @@ impl Assembly<'_> {
                     );
                     member.1 = better.a_from_b;
                     changed += 1;
-                } else if current.probability() < 0.5 {
+                } else if current.probability() < 0.5 && !self.taken_out.contains(&member.0) {
                     tracing::debug!("review: scan {} is taken out, {:?}", member.0, current.support);
                     out.push(member.0);
                     changed += 1;
@@ -130,6 +130,7 @@ impl Assembly<'_> {
             component.members.retain(|m| !out.contains(&m.0));
             self.components.insert(id, component);
             self.settled.remove(&id);
+            self.taken_out.extend(&out);
             for scan in out {
                 let alone = Component {
                     members: vec![(scan, RigidMotion::identity())],
