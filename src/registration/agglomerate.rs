@@ -10,7 +10,7 @@ use super::assessment::Assessor;
 use super::config::RegistrationConfig;
 use super::evidence;
 use super::incremental::{Lengths, MIN_KEYPOINTS, ScanInput};
-use super::neighbourhood::neighbours_of;
+use super::neighbourhood::neighbours;
 use super::pairs::{PairRegistration, most_similar_pairs};
 use super::scan_model::ScanModel;
 use crate::error::Result;
@@ -60,6 +60,7 @@ pub(super) fn register(
         join_all(&mut assembly, config, monitor)?;
     }
     assembly.refine_all(monitor)?;
+    tracing::debug!("all poses refined");
     for _ in 0..if config.assembly.review { REVIEWS } else { 0 } {
         if assembly.review(monitor)? == 0 {
             break;
@@ -67,7 +68,9 @@ pub(super) fn register(
         join_all(&mut assembly, config, monitor)?;
         assembly.refine_all(monitor)?;
     }
+    tracing::debug!("review ends");
     let components = assembly.finish();
+    tracing::debug!("supports measured");
     Ok(conclude(scans, components, &mut refusals, &assessor))
 }
 
@@ -114,10 +117,7 @@ fn conclude(
     let joined = components.iter().filter(|f| f.component.members.len() > 1);
     for (number, Finished { component, supports, holds }) in joined.enumerate() {
         let order = tree_order(component);
-        let neighbours: Vec<_> = (0..component.members.len())
-            .into_par_iter()
-            .map(|m| neighbours_of(&component.members, m, &grids, models))
-            .collect();
+        let neighbours = neighbours(&component.members, &grids, models);
         for (m, neighbours) in neighbours.into_iter().enumerate() {
             let (scan, world_from_scan) = component.members[m];
             let (step, link) = order.get(&scan).copied().unwrap_or((component.members.len(), None));

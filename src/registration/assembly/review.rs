@@ -23,6 +23,8 @@ pub struct Finished {
 
 /// Other places for a scan that are looked at.
 const PLACES: usize = 4;
+/// Another place may be better when it has one in so many of the inliers of the present one.
+const CONTENDER: usize = 2;
 
 impl Assembly<'_> {
     /// How a member sits among the others of its component as it is, and the best place there is
@@ -64,13 +66,21 @@ impl Assembly<'_> {
                 elsewhere.push(*motion);
             }
         }
+        // What has far fewer inliers speaks against the present place as it is, and cannot win.
+        let (contenders, rivals): (Vec<RigidMotion>, Vec<RigidMotion>) =
+            elsewhere.into_iter().partition(|m| CONTENDER * matches.count(m, radius_m) >= here.len());
         let others: Vec<Assessment> = self
             .assessor
-            .assess(&group, &single, &elsewhere, &matches)
+            .assess(&group, &single, &contenders, &matches)
             .into_iter()
             .filter(|o| !same(&o.a_from_b, &pose))
             .collect();
-        let there: Vec<Vec<usize>> = others.iter().map(|o| matches.inliers(&o.a_from_b, radius_m)).collect();
+        let there: Vec<Vec<usize>> = others
+            .iter()
+            .map(|o| &o.a_from_b)
+            .chain(&rivals)
+            .map(|motion| matches.inliers(motion, radius_m))
+            .collect();
         let runner_up = self.assessor.runner_up(&matches, &pose, there.iter().map(Vec::as_slice));
         let current = self.assessor.measure(&group, &single, &pose, &matches, (here.len(), runner_up));
         // Against the present place an alternative has that as one more rival.
@@ -78,8 +88,10 @@ impl Assembly<'_> {
             .into_iter()
             .map(|o| {
                 let rival = self.assessor.runner_up(&matches, &o.a_from_b, [here.as_slice()].into_iter());
-                let next = o.support.runner_up.max(rival);
-                self.assessor.measure(&group, &single, &o.a_from_b, &matches, (o.support.inliers, next))
+                let runner_up = o.support.runner_up.max(rival);
+                let support = Support { runner_up, ..o.support };
+                let probability = Some(self.assessor.probability(&support));
+                Assessment { support: Support { probability, ..support }, ..o }
             })
             .max_by(|x, y| x.probability().total_cmp(&y.probability()));
         (current, best)

@@ -1,9 +1,8 @@
 //! From a finished growth to one outcome a scan.
 
-use super::super::neighbourhood::neighbours_of;
+use super::super::neighbourhood::neighbours;
 use super::{Growth, MIN_KEYPOINTS, Member};
-use crate::scan::{DeclineReason, NeighbourEvidence, Outcome, Placement, Reconstruction};
-use rayon::prelude::*;
+use crate::scan::{DeclineReason, Outcome, Placement, Reconstruction};
 
 impl Growth<'_> {
     /// One outcome a scan; components ordered by size, then by their first scan.
@@ -17,10 +16,7 @@ impl Growth<'_> {
             .collect();
         for (component, members) in self.components.iter().enumerate() {
             let poses: Vec<_> = members.iter().map(|m| (m.scan, m.world_from_scan)).collect();
-            let neighbours: Vec<Vec<NeighbourEvidence>> = (0..members.len())
-                .into_par_iter()
-                .map(|m| neighbours_of(&poses, m, &self.grids, &self.models))
-                .collect();
+            let neighbours = neighbours(&poses, &self.grids, &self.models);
             for (step, (member, neighbours)) in members.iter().zip(neighbours).enumerate() {
                 let attempt = member.attempt.as_ref();
                 outcomes[member.scan.0] = Outcome::Placed(Placement {
