@@ -44,6 +44,7 @@ pub fn of_result(
     result: &OneResult<'_>,
 ) -> Result<Vec<SceneSheet>, Error> {
     let truth = SceneTruth::read(folder, &[])?;
+    let recalls = by_short_name(result.recalls, &truth.name);
     let declined = result.document.scans.iter().filter_map(|entry| match &entry.verdict {
         Verdict::Placed(_) => None,
         Verdict::Declined { explanation, .. } => {
@@ -56,13 +57,24 @@ pub fn of_result(
         placed: result.poses.placed,
         declined: declined.collect(),
         truth_deviation: result.truth_deviation,
-        recalls: result.recalls.clone(),
+        recalls: recalls.clone(),
         pairs: Vec::new(),
         errors: None,
     };
-    let diagnosis = diagnosis(wanted, folder, &truth, result.document, result.limit_m, result.recalls)?;
+    let diagnosis = diagnosis(wanted, folder, &truth, result.document, result.limit_m, &recalls)?;
     let names = result.document.scans.iter().map(|s| s.name.clone()).collect();
     Ok(vec![SceneSheet { report, names, poses: Some(result.poses.clone()), diagnosis }])
+}
+
+/// Benchmarks are named by their folders, of which the last part that is not the scene's name tells them
+/// apart; where it does not, the whole path does.
+fn by_short_name(recalls: &BTreeMap<String, RecallReport>, scene: &str) -> BTreeMap<String, RecallReport> {
+    let short = |path: &String| {
+        let parts = Path::new(path).iter().map(|part| part.to_string_lossy());
+        parts.rev().find(|part| part != scene).map_or_else(|| path.clone(), String::from)
+    };
+    let named: BTreeMap<String, RecallReport> = recalls.iter().map(|(k, v)| (short(k), v.clone())).collect();
+    if named.len() == recalls.len() { named } else { recalls.clone() }
 }
 
 /// The sheet of one scene of a data set.
@@ -123,4 +135,20 @@ pub fn write(wanted: &Wanted<'_>, scenes: Vec<SceneSheet>) -> Result<(), Error> 
     let recalls = names.iter().map(|name| (name.clone(), summary(name))).collect();
     let page = evaluation(&Evaluation { scenes, recalls })?.html();
     io::atomic::write(wanted.file, |out| out.write_all(page.as_bytes()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn benchmarks_are_called_by_what_tells_them_apart() {
+        let called = |paths: &[&str]| -> Vec<String> {
+            let all = paths.iter().map(|p| ((*p).to_owned(), RecallReport::default())).collect();
+            by_short_name(&all, "kitchen").into_keys().collect()
+        };
+        assert_eq!(called(&["a/3DMatch/kitchen", "a/3DLoMatch/kitchen"]), ["3DLoMatch", "3DMatch"]);
+        assert_eq!(called(&["mine"]), ["mine"]);
+        assert_eq!(called(&["a/own/kitchen", "b/own/kitchen"]), ["a/own/kitchen", "b/own/kitchen"]);
+    }
 }
