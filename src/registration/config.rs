@@ -91,9 +91,9 @@ impl Default for AveragingConfig {
 
 /// Weights of the logistic model that turns the support of a pose into a probability.
 ///
-/// The defaults are the rounded mean of three fits by `examples/evidence_calibration.rs` on four
-/// 3DMatch test scenes (all but the kitchen): published MiniSpinNet descriptors at 2500 keypoints, and
-/// FPFH at 2500 and at 1000.
+/// The defaults are the rounded mean of three logistic fits to what `examples/evidence_calibration.rs`
+/// measures (`--table`) on four 3DMatch test scenes, all but the kitchen: published MiniSpinNet
+/// descriptors at 2500 keypoints, and FPFH at 2500 and at 1000.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct EvidenceWeights {

@@ -319,7 +319,7 @@ fn add_shades(
 }
 
 /// Normals further apart than 45° do not belong to the same surface.
-const MIN_NORMAL_COSINE: f32 = std::f32::consts::FRAC_1_SQRT_2;
+pub(super) const MIN_NORMAL_COSINE: f32 = std::f32::consts::FRAC_1_SQRT_2;
 
 /// The normal equations of all poses but the first, which is held.
 fn normal_equations(

@@ -6,6 +6,7 @@
 //! scan should have the shade that is found there. Scans may be exposed differently: the mean
 //! difference of two scans' shades says nothing.
 
+use super::joint::MIN_NORMAL_COSINE;
 use super::scan_model::ScanModel;
 use crate::geometry::neighbours::RadiusGrid;
 use crate::geometry::{Direction, Point};
@@ -15,9 +16,6 @@ use rayon::prelude::*;
 
 /// Difference of shades beyond which two points do not show the same thing.
 const UNLIKE: f32 = 0.3;
-/// Normals further apart than 45° do not belong to the same surface.
-const MIN_NORMAL_COSINE: f32 = std::f32::consts::FRAC_1_SQRT_2;
-
 /// A point of one scan on the surface of another.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Touch {
