@@ -267,3 +267,26 @@ fn a_trial_refutes_a_rival_with_more_matches_that_nothing_makes_fit() {
         }
     });
 }
+
+#[test]
+fn a_trial_that_sufficed_but_was_not_the_best_is_made_next() {
+    let places = two_places();
+    with_assembly(|assessor, mut pairs| {
+        let group = |k: ScanId| k.0 / 2;
+        let groups = (0..places.first.div_ceil(2)).map(|g| {
+            let scans = (0..places.first).filter(|&k| group(ScanId(k)) == g);
+            scans.map(|k| (ScanId(k), places.world_from_scan[k])).collect()
+        });
+        let mut assembly = Assembly::of_groups(assessor, groups.collect());
+        // Two links that have nothing to do with each other: of groups 0 and 1, and of 2 and 3.
+        pairs.retain(|p| group(p.i) / 2 == group(p.j) / 2);
+        assembly.add_pairs(pairs);
+        let best = assembly.best_join(&Silent).unwrap().unwrap();
+        assert!(assembly.join_by_trial(&Silent).unwrap(), "{}", assembly.describe(&best));
+        assert!(assembly.join_by_trial(&Silent).unwrap(), "the second link had sufficed as well");
+        assert!(!assembly.join_by_trial(&Silent).unwrap());
+        let mut sizes: Vec<usize> = assembly.finish().iter().map(|f| f.component.members.len()).collect();
+        sizes.sort_unstable();
+        assert_eq!(sizes, [places.first - 4, 4]);
+    });
+}

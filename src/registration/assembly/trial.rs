@@ -39,24 +39,31 @@ struct Trial {
 impl Assembly<'_> {
     /// Tries the most promising joins and makes the best one that suffices; `false` when none does.
     ///
-    /// A rival that a trial refuted counts half its inliers.
+    /// A rival that a trial refuted counts a quarter of its inliers.
     ///
     /// # Errors
     /// Only when the monitor is cancelled.
     pub fn join_by_trial(&mut self, monitor: &dyn Monitor) -> Result<bool> {
         let mut trials: Vec<Trial> = Vec::new();
         let coarse = self.coarse();
-        for (key, assessment, pair) in self.worth_trying() {
-            self.tried.insert(self.state_of(key));
+        let worth = self.worth_trying();
+        for &(key, assessment, pair) in &worth {
             let proposal = Proposal { a: key.0, b: key.1, assessment, pair };
             if let Some(trial) = self.try_out(key, proposal, &coarse, monitor)? {
                 tracing::debug!("trial {}: then {:?}", self.describe(&proposal), trial.support);
                 trials.push(trial);
             }
         }
-        let best = (0..trials.len())
+        let sufficient: Vec<(usize, Support)> = (0..trials.len())
             .map(|at| (at, self.judged(&trials, at)))
             .filter(|(_, support)| self.probability(support) >= self.config().evidence.accept)
+            .collect();
+        // One that suffices and is not made now has not failed: it is tried again.
+        let failed = worth.iter().filter(|w| !sufficient.iter().any(|&(at, _)| trials[at].key == w.0));
+        let failed: Vec<_> = failed.map(|w| self.state_of(w.0)).collect();
+        self.tried.extend(failed);
+        let best = sufficient
+            .into_iter()
             .max_by(|x, y| self.probability(&x.1).total_cmp(&self.probability(&y.1)).then(y.0.cmp(&x.0)));
         let Some((at, support)) = best else { return Ok(false) };
         let Trial { proposal, mut joined, .. } = trials.swap_remove(at);
@@ -147,7 +154,7 @@ impl Assembly<'_> {
         let standing =
             rivals.filter(|t| self.unrivalled(&t.support) >= REFUTED).map(|t| t.support.inliers).max();
         // That many matches agree by chance or likeness here, even if on something impossible.
-        let refuted = trial.proposal.assessment.support.runner_up.div_ceil(2);
+        let refuted = trial.proposal.assessment.support.runner_up.div_ceil(4);
         Support { runner_up: standing.unwrap_or(0).max(refuted), ..trial.support }
     }
 }
