@@ -66,6 +66,8 @@ pub struct Assembly<'a> {
     settled: BTreeSet<ComponentId>,
     /// Scans that a review took out. One that joined again, knowing this, stays.
     taken_out: BTreeSet<ScanId>,
+    /// Scans that joined alone by a trial, which refuted their rivals.
+    tried_out: BTreeSet<ScanId>,
     /// Supports of the members of components that a review left alone, while they are unchanged.
     reviewed: BTreeMap<ComponentId, Vec<Support>>,
 }
@@ -105,6 +107,7 @@ impl<'a> Assembly<'a> {
             tried: BTreeSet::new(),
             settled: BTreeSet::new(),
             taken_out: BTreeSet::new(),
+            tried_out: BTreeSet::new(),
             reviewed: BTreeMap::new(),
         }
     }

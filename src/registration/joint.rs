@@ -52,11 +52,12 @@ pub fn refine_jointly(
         let radius = factor * radius_m;
         let colour_m = if k + 1 == config.radii.len() { config.colour * radius_m } else { 0.0 };
         let pairs = overlapping_pairs(&samples, scans, &poses, config.min_overlap, radius_m as f32);
+        let strides = strides(&pairs, scans.len());
         for _ in 0..config.rounds {
             monitor.check("joint refinement")?;
             let terms: Vec<PairTerm> = pairs
                 .par_iter()
-                .map(|&(i, j)| term_of(i, j, &samples, scans, &poses, radius, colour_m))
+                .map(|&(i, j)| term_of((i, j), &samples, scans, &poses, &strides, radius, colour_m))
                 .collect();
             let Some(largest_step) = gauss_newton_step(&pairs, &terms, &mut poses, radius_m) else { break };
             if largest_step < SETTLED * radius_m {
@@ -84,8 +85,9 @@ pub fn pose_covariances(
         scans.iter().map(|s| Sample::new(s.model.surface, config.points_per_scan)).collect();
     let pairs = overlapping_pairs(&samples, scans, &poses, config.min_overlap, radius_m as f32);
     let finest = config.radii.last().copied().unwrap_or(1.0) * radius_m;
+    let every = vec![1; scans.len()];
     let terms: Vec<PairTerm> =
-        pairs.par_iter().map(|&(i, j)| pair_term(i, j, &samples, scans, &poses, finest)).collect();
+        pairs.par_iter().map(|&pair| pair_term(pair, &samples, scans, &poses, &every, finest)).collect();
     let (squared, weight) = terms.iter().fold((0.0, 0.0), |s, t| (s.0 + t.squared, s.1 + t.weight));
     let (matrix, _) = normal_equations(&pairs, &terms, scans.len());
     let factor = matrix.cholesky();
@@ -230,17 +232,27 @@ impl PairTerm {
     }
 }
 
+/// Of how many of its sampled points one is compared with each of the scans that it overlaps: a scan
+/// among many is held by so many points that some of them do.
+fn strides(pairs: &[(usize, usize)], scans: usize) -> Vec<usize> {
+    /// Scans with which all points are compared.
+    const PARTNERS: usize = 8;
+    let mut partners = vec![0usize; scans];
+    pairs.iter().for_each(|&(i, j)| [i, j].into_iter().for_each(|s| partners[s] += 1));
+    partners.into_iter().map(|n| n.div_ceil(PARTNERS).max(1)).collect()
+}
+
 /// Normal equations of a pair, by its surfaces and, where both scans have it, by their colour.
 fn term_of(
-    i: usize,
-    j: usize,
+    (i, j): (usize, usize),
     samples: &[Sample],
     scans: &[JointScan<'_>],
     poses: &[RigidMotion],
+    strides: &[usize],
     radius_m: f64,
     colour_m: f64,
 ) -> PairTerm {
-    let mut term = pair_term(i, j, samples, scans, poses, radius_m);
+    let mut term = pair_term((i, j), samples, scans, poses, strides, radius_m);
     let coloured = [i, j].iter().all(|&s| !scans[s].model.surface.shades.is_empty());
     if colour_m > 0.0 && coloured {
         add_shades(&mut term, (i, j), samples, scans, poses, radius_m, colour_m);
@@ -248,12 +260,13 @@ fn term_of(
     term
 }
 
+/// By its surfaces alone: every `strides`-th sampled point of either scan stands for as many.
 fn pair_term(
-    i: usize,
-    j: usize,
+    (i, j): (usize, usize),
     samples: &[Sample],
     scans: &[JointScan<'_>],
     poses: &[RigidMotion],
+    strides: &[usize],
     radius_m: f64,
 ) -> PairTerm {
     let mut term = PairTerm::new();
@@ -262,7 +275,10 @@ fn pair_term(
         let to_from_from = poses[to].inverse() * poses[from];
         let mover = PointMover::new(&to_from_from);
         let model = scans[to].model;
-        for (p, normal) in samples[from].points.iter().zip(&samples[from].normals) {
+        let stride = strides[from];
+        let sampled = samples[from].points.iter().zip(&samples[from].normals);
+        // Another share of the points for every partner.
+        for (p, normal) in sampled.skip(to % stride).step_by(stride) {
             let moved = mover.point(p);
             let Some(k) = model.near(&moved, radius_m as f32) else { continue };
             let n = model.surface.normals[k];
@@ -270,7 +286,8 @@ fn pair_term(
                 continue;
             }
             let r = f64::from(n.dot(&(moved - model.surface.points[k])));
-            let w = (1.0 - (r / radius_m).powi(2)).max(0.0).powi(2); // Tukey's biweight
+            // Tukey's biweight
+            let w = (1.0 - (r / radius_m).powi(2)).max(0.0).powi(2) * stride as f64;
             let x = poses[to] * moved.cast::<f64>();
             let n = poses[to].rotation * n.cast::<f64>();
             let m = x.coords.cross(&n);

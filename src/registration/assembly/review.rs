@@ -2,6 +2,7 @@
 
 use super::super::assessment::{Assessment, RIVAL};
 use super::super::estimate::same_motion;
+use super::trial::REFUTED_RIVAL;
 use super::{Assembly, Component, ComponentId};
 use crate::error::Result;
 use crate::geometry::RigidMotion;
@@ -82,6 +83,8 @@ impl Assembly<'_> {
             .map(|motion| matches.inliers(motion, radius_m))
             .collect();
         let runner_up = self.assessor.runner_up(&matches, &pose, there.iter().map(Vec::as_slice));
+        let refuted = if self.tried_out.contains(&scan) { REFUTED_RIVAL } else { 1 };
+        let runner_up = runner_up.div_ceil(refuted);
         let current = self.assessor.measure(&group, &single, &pose, &matches, (here.len(), runner_up));
         // Against the present place an alternative has that as one more rival.
         let best = others

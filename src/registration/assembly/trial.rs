@@ -24,6 +24,10 @@ const WORTH_TRYING: f64 = 0.01;
 /// Probability, rivals apart, below which a trial has refuted a proposal.
 const REFUTED: f64 = 0.5;
 
+/// One in so many of the inliers of a refuted rival count: that many matches agree by chance or
+/// likeness here, even if on something impossible.
+pub(super) const REFUTED_RIVAL: usize = 4;
+
 /// A join that was tried.
 struct Trial {
     key: (ComponentId, ComponentId),
@@ -39,7 +43,8 @@ struct Trial {
 impl Assembly<'_> {
     /// Tries the most promising joins and makes the best one that suffices; `false` when none does.
     ///
-    /// A rival that a trial refuted counts a quarter of its inliers.
+    /// A rival that a trial refuted counts a quarter of its inliers, for a scan that joins alone from
+    /// then on.
     ///
     /// # Errors
     /// Only when the monitor is cancelled.
@@ -69,6 +74,11 @@ impl Assembly<'_> {
         let Trial { proposal, mut joined, .. } = trials.swap_remove(at);
         if let Some(last) = joined.joins.last_mut() {
             last.support = Support { probability: Some(self.probability(&support)), ..support };
+        }
+        for component in [proposal.a, proposal.b].map(|id| &self.components[&id]) {
+            if let [(alone, _)] = component.members[..] {
+                self.tried_out.insert(alone);
+            }
         }
         self.replace(&[proposal.a, proposal.b], joined);
         Ok(true)
@@ -153,8 +163,7 @@ impl Assembly<'_> {
         let rivals = trials.iter().filter(|t| t.key == trial.key).filter(elsewhere);
         let standing =
             rivals.filter(|t| self.unrivalled(&t.support) >= REFUTED).map(|t| t.support.inliers).max();
-        // That many matches agree by chance or likeness here, even if on something impossible.
-        let refuted = trial.proposal.assessment.support.runner_up.div_ceil(4);
+        let refuted = trial.proposal.assessment.support.runner_up.div_ceil(REFUTED_RIVAL);
         Support { runner_up: standing.unwrap_or(0).max(refuted), ..trial.support }
     }
 }
