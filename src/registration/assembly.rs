@@ -60,8 +60,6 @@ pub struct Assembly<'a> {
     components: BTreeMap<ComponentId, Component>,
     links: BTreeMap<(ComponentId, ComponentId), Link>,
     next: ComponentId,
-    /// Links whose trials failed, with the scans and pairs that they had.
-    tried: BTreeSet<(ComponentId, ComponentId, usize, usize)>,
     /// Components refined with the full setting, and unchanged since.
     settled: BTreeSet<ComponentId>,
     /// Scans that a review took out. One that joined again, knowing this, stays.
@@ -104,7 +102,6 @@ impl<'a> Assembly<'a> {
             components,
             links: BTreeMap::new(),
             next,
-            tried: BTreeSet::new(),
             settled: BTreeSet::new(),
             taken_out: BTreeSet::new(),
             tried_out: BTreeSet::new(),
@@ -216,16 +213,15 @@ impl<'a> Assembly<'a> {
         let mut best: Option<Proposal> = None;
         for batch in order.chunks(BATCH) {
             monitor.check("registration")?;
-            let assessed: Vec<Option<Vec<(Assessment, usize)>>> = batch
-                .par_iter()
-                .map(|(_, key)| {
-                    let link = &self.links[key];
-                    link.assessed.is_none().then(|| self.assess(*key, link))
-                })
-                .collect();
-            for (&(_, (a, b)), found) in batch.iter().zip(assessed) {
-                let Some(link) = self.links.get_mut(&(a, b)) else { continue };
-                link.assessed = found.or(link.assessed.take());
+            let unknown: Vec<(ComponentId, ComponentId)> =
+                batch.iter().map(|b| b.1).filter(|key| self.links[key].assessed.is_none()).collect();
+            let assessed: Vec<_> =
+                unknown.par_iter().map(|key| self.assess(*key, &self.links[key])).collect();
+            for (key, found) in unknown.into_iter().zip(assessed) {
+                self.links.entry(key).and_modify(|link| link.assessed = Some(found));
+            }
+            for &(_, (a, b)) in batch {
+                let link = &self.links[&(a, b)];
                 let Some((assessment, pair)) = link.best() else { continue };
                 let proposal = Proposal { a, b, assessment, pair };
                 if best.is_none_or(|old| proposal.probability() > old.probability()) {
@@ -258,7 +254,9 @@ impl<'a> Assembly<'a> {
         let (ca, cb) = (self.components.get(&proposal.a), self.components.get(&proposal.b));
         let (Some(ca), Some(cb)) = (ca, cb) else { return };
         if let Some(joined) = self.joined(ca, cb, proposal) {
-            self.replace(&[proposal.a, proposal.b], joined);
+            // The larger comes first and stays as it is.
+            let kept = if joined.members[0].0 == ca.members[0].0 { proposal.a } else { proposal.b };
+            self.replace(&[proposal.a, proposal.b], joined, Some(kept));
         }
     }
 
@@ -279,7 +277,9 @@ impl<'a> Assembly<'a> {
         Some(joined)
     }
 
-    fn replace(&mut self, gone: &[ComponentId], with: Component) {
+    /// Puts `with` in the place of the components in `gone`, of which `kept` comes first in it, unmoved.
+    fn replace(&mut self, gone: &[ComponentId], with: Component, kept: Option<ComponentId>) {
+        let known = kept.and_then(|id| Some((id, self.components.get(&id)?.members.len())));
         for id in gone {
             self.components.remove(id);
             self.settled.remove(id);
@@ -287,7 +287,8 @@ impl<'a> Assembly<'a> {
         }
         let id = self.next;
         self.next += 1;
+        let newcomers = known.map(|(kept, n)| (kept, with.members[n..].to_vec()));
         self.components.insert(id, with);
-        self.replace_links(gone, id);
+        self.replace_links(gone, id, newcomers.as_ref().map(|(kept, scans)| (*kept, scans.as_slice())));
     }
 }

@@ -161,14 +161,21 @@ impl Assessor<'_> {
             .unwrap_or(0)
     }
 
+    /// Whether viewpoints that are believed speak against a pose, so that no number of matches makes up
+    /// for it: two rooms furnished alike match as well as one seen twice.
+    fn is_contradicted(&self, support: &Support) -> bool {
+        self.sight_trusted && support.violation > evidence::MOST_VIOLATION_OF_RIGHT
+    }
+
     /// Probability that a pose with this support is right; 0 with fewer inliers than are needed, and
-    /// at most one half where nothing singles the pose out.
+    /// at most one half where nothing singles the pose out or viewpoints contradict it.
     pub fn probability(&self, support: &Support) -> f64 {
         if support.inliers < self.config.evidence.min_inliers {
             return 0.0;
         }
         let p = evidence::probability(support, &self.config.evidence.weights, self.sight_trusted);
-        if evidence::is_undecided(support) { p.min(UNDECIDED) } else { p }
+        let p = evidence::among(p, self.models.len());
+        if evidence::is_undecided(support) || self.is_contradicted(support) { p.min(UNDECIDED) } else { p }
     }
 
     /// The evidence for one motion, which is not changed, with as many of the matches in agreement with
@@ -181,7 +188,7 @@ impl Assessor<'_> {
         matches: &Correspondences,
         agreeing: (usize, usize),
     ) -> Assessment {
-        let fit = surface_fit(a, b, a_from_b, 1);
+        let fit = surface_fit(a, b, a_from_b, (a.len().min(b.len()) / 8).max(1));
         let mut support = self.support_of(&fit, a_from_b, matches, agreeing);
         support.probability = Some(self.probability(&support));
         Assessment { a_from_b: *a_from_b, support }
@@ -211,7 +218,7 @@ impl Assessor<'_> {
 
     /// Large groups have points to spare: every n-th of their samples fixes six numbers as well.
     fn align_stride(&self, a: &[Posed<'_>], b: &[Posed<'_>]) -> usize {
-        2 * a.len().min(b.len()).clamp(1, 4)
+        2 * a.len().min(b.len()).clamp(1, 16)
     }
 }
 

@@ -294,7 +294,7 @@ pub struct AssemblyConfig {
 
 impl Default for AssemblyConfig {
     fn default() -> Self {
-        Self { neighbours: 16, second_look: true, review: true, trials: true }
+        Self { neighbours: 25, second_look: true, review: true, trials: true }
     }
 }
 

@@ -5,6 +5,8 @@ use super::super::estimate::same_motion;
 use super::{Assembly, Component, ComponentId};
 use crate::geometry::RigidMotion;
 use crate::scan::{ScanId, SimilarityMatrix};
+use nalgebra::Point3;
+use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -24,6 +26,8 @@ pub(super) struct Link {
     pub(super) promise: f64,
     /// Evidence for proposals, most probable first, and the pair that speaks for each; once measured.
     pub(super) assessed: Option<Vec<(Assessment, usize)>>,
+    /// Whether its trials failed, on the evidence that there is.
+    pub(super) tried: bool,
 }
 
 impl Link {
@@ -31,10 +35,17 @@ impl Link {
     pub(super) fn best(&self) -> Option<(Assessment, usize)> {
         self.assessed.as_ref()?.first().copied()
     }
+
+    /// The same with the two components exchanged.
+    fn turned(mut self) -> Self {
+        self.proposals.iter_mut().for_each(|p| p.0 = p.0.inverse());
+        self.assessed.iter_mut().flatten().for_each(|a| a.0.a_from_b = a.0.a_from_b.inverse());
+        self
+    }
 }
 
 impl Assembly<'_> {
-    /// Links between all components, made anew.
+    /// Links between all components; those whose pairs are the same as before stay.
     pub(super) fn relink(&mut self) {
         let home: BTreeMap<ScanId, ComponentId> =
             self.components.iter().flat_map(|(&id, c)| c.members.iter().map(move |m| (m.0, id))).collect();
@@ -45,7 +56,12 @@ impl Assembly<'_> {
                 between.entry((a.min(b), a.max(b))).or_default().push(p);
             }
         }
-        self.links = between.into_iter().map(|(key, pairs)| (key, self.link(key, pairs))).collect();
+        let mut old = std::mem::take(&mut self.links);
+        let made = between.into_iter().map(|(key, pairs)| match old.remove(&key) {
+            Some(link) if link.pairs == pairs => (key, link),
+            _ => (key, self.link(key, pairs)),
+        });
+        self.links = made.collect();
     }
 
     /// Clusters what the pairs between two components say of their relative pose.
@@ -99,6 +115,7 @@ impl Assembly<'_> {
             proposals: clusters.into_iter().map(|(motion, pair, _)| (motion, pair)).collect(),
             promise,
             assessed: None,
+            tried: false,
         };
         if let ([only], 1, 1) = (link.pairs.as_slice(), ca.members.len(), cb.members.len()) {
             // Two scans alone: the evidence between them is what their registration found.
@@ -113,27 +130,63 @@ impl Assembly<'_> {
         link
     }
 
-    /// Links of the components in `gone` become links of `id`.
-    pub(super) fn replace_links(&mut self, gone: &[ComponentId], id: ComponentId) {
-        let mut pairs: BTreeMap<ComponentId, Vec<usize>> = BTreeMap::new();
-        let old: Vec<(ComponentId, ComponentId)> =
+    /// Links of the components in `gone` become links of `id`, in which the component `kept` has kept its
+    /// frame and its poses, if one has. What is known of a link of that one stays where the newcomers
+    /// have nothing to say to it: evidence that cannot have changed is not measured again.
+    pub(super) fn replace_links(
+        &mut self,
+        gone: &[ComponentId],
+        id: ComponentId,
+        kept: Option<(ComponentId, &[(ScanId, RigidMotion)])>,
+    ) {
+        let keys: Vec<(ComponentId, ComponentId)> =
             self.links.keys().copied().filter(|k| gone.contains(&k.0) || gone.contains(&k.1)).collect();
-        for key in old {
+        let mut old: BTreeMap<ComponentId, Vec<(ComponentId, Link)>> = BTreeMap::new();
+        for key in keys {
             let Some(link) = self.links.remove(&key) else { continue };
-            let other = if gone.contains(&key.0) { key.1 } else { key.0 };
+            let (side, other) = if gone.contains(&key.0) { key } else { (key.1, key.0) };
             if !gone.contains(&other) {
-                pairs.entry(other).or_default().extend(link.pairs);
+                // As seen from the other component, which has the lower number: new ones count up.
+                old.entry(other).or_default().push((side, if side < other { link.turned() } else { link }));
             }
         }
-        let made: Vec<((ComponentId, ComponentId), Link)> = pairs
-            .into_iter()
-            .map(|(other, mut pairs)| {
-                pairs.sort_unstable();
+        let old: Vec<(ComponentId, Vec<(ComponentId, Link)>)> = old.into_iter().collect();
+        let made: Vec<((ComponentId, ComponentId), Link)> = old
+            .into_par_iter()
+            .map(|(other, mut links)| {
                 let key = (other.min(id), other.max(id));
-                (key, self.link(key, pairs))
+                if let ([(side, link)], Some((kept, newcomers)), true) = (&links[..], kept, other < id)
+                    && *side == kept
+                    && !self.reach_any(newcomers, other, link)
+                {
+                    return (key, links.remove(0).1);
+                }
+                let tried = gone == [id] && links.iter().all(|l| l.1.tried);
+                let mut pairs: Vec<usize> = links.into_iter().flat_map(|l| l.1.pairs).collect();
+                pairs.sort_unstable();
+                (key, Link { tried, ..self.link(key, pairs) })
             })
             .collect();
         self.links.extend(made);
+    }
+
+    /// Whether scans come near those of the component `a` at any pose that a link proposes for it, in the
+    /// frame of the link's second component.
+    fn reach_any(&self, scans: &[(ScanId, RigidMotion)], a: ComponentId, link: &Link) -> bool {
+        let spheres = |members: &[(ScanId, RigidMotion)], frame: &RigidMotion| -> Vec<(Point3<f64>, f64)> {
+            let models = self.assessor.models;
+            let of = |&(s, pose): &(ScanId, RigidMotion)| {
+                (frame * (pose * models[s.0].centre.cast::<f64>()), f64::from(models[s.0].reach_m))
+            };
+            members.iter().map(of).collect()
+        };
+        let scans = spheres(scans, &RigidMotion::identity());
+        let assessed = link.assessed.iter().flatten().map(|found| found.0.a_from_b);
+        link.proposals.iter().map(|p| p.0).chain(assessed).any(|a_from_b| {
+            let others = spheres(&self.components[&a].members, &a_from_b.inverse());
+            let radius_m = self.assessor.radius_m;
+            scans.iter().any(|(c, r)| others.iter().any(|(d, s)| (c - d).norm() <= r + s + radius_m))
+        })
     }
 
     /// Pairs of scans of different components that were not registered yet: for every scan outside the

@@ -74,7 +74,7 @@ impl Assembly<'_> {
         self.components.insert(id, component);
         self.reviewed.remove(&id);
         // Relative poses changed: what pairs say of links did too.
-        self.replace_links(&[id], id);
+        self.replace_links(&[id], id, None);
         Ok(())
     }
 

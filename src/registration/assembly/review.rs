@@ -144,6 +144,7 @@ impl Assembly<'_> {
             }
             component.members.retain(|m| !out.contains(&m.0));
             self.components.insert(id, component);
+            self.links.retain(|key, _| key.0 != id && key.1 != id);
             self.settled.remove(&id);
             self.taken_out.extend(&out);
             for scan in out {

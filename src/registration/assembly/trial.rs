@@ -7,6 +7,7 @@
 use super::super::assessment::Assessment;
 use super::super::config::JointConfig;
 use super::super::estimate::same_motion;
+use super::super::pairs::ScanPair;
 use super::{Assembly, Component, ComponentId, Proposal};
 use crate::error::Result;
 use crate::geometry::RigidMotion;
@@ -21,6 +22,8 @@ const TRIALS: usize = 10;
 const TRIALS_PER_LINK: usize = 4;
 /// Probability, rivals apart, from which a proposal is tried.
 const WORTH_TRYING: f64 = 0.01;
+/// Violation, where viewpoints are believed, that no trial makes good.
+const HOPELESS: f64 = 0.3;
 /// Probability, rivals apart, below which a trial has refuted a proposal.
 const REFUTED: f64 = 0.5;
 
@@ -28,20 +31,39 @@ const REFUTED: f64 = 0.5;
 /// likeness here, even if on something impossible.
 pub(super) const REFUTED_RIVAL: usize = 4;
 
+/// Scans of either side that a trial moves, those nearest to the other side: what is far away decides
+/// little, and trials must not cost more, the larger the whole is.
+const VICINITY: usize = 40;
+
 /// A join that was tried.
 struct Trial {
     key: (ComponentId, ComponentId),
     proposal: Proposal,
-    joined: Component,
-    /// Pose of a scan of the second side relative to one of the first, and the second's centre.
-    first_from_second: RigidMotion,
+    /// What the trial moved, with the refined poses.
+    refined: Component,
+    /// Whether that is all of both components.
+    whole: bool,
+    /// The scans of the pair that proposed the join, of the first component and of the second.
+    junction: (ScanId, ScanId),
+    /// The motion of the second component that the refined poses of these two give.
+    a_from_b: RigidMotion,
+    /// Centre of the second of them, in the frame of its component.
     centre: Point3<f64>,
     /// The evidence after the refinement, as if there were no rival.
     support: Support,
 }
 
+impl Trial {
+    /// Refined pose of scan `j` relative to `i`, where the trial moved both.
+    fn relative(&self, (i, j): (ScanId, ScanId)) -> Option<RigidMotion> {
+        let pose = |scan: ScanId| self.refined.members.iter().find(|m| m.0 == scan).map(|m| m.1);
+        Some(pose(i)?.inverse() * pose(j)?)
+    }
+}
+
 impl Assembly<'_> {
-    /// Tries the most promising joins and makes the best one that suffices; `false` when none does.
+    /// Tries the most promising joins and makes those that suffice, the most probable first, and of
+    /// those that have a component in common one; `false` when none does.
     ///
     /// A rival that a trial refuted counts a quarter of its inliers, for a scan that joins alone from
     /// then on.
@@ -59,29 +81,47 @@ impl Assembly<'_> {
                 trials.push(trial);
             }
         }
-        let sufficient: Vec<(usize, Support)> = (0..trials.len())
+        let mut sufficient: Vec<(usize, Support)> = (0..trials.len())
             .map(|at| (at, self.judged(&trials, at)))
             .filter(|(_, support)| self.probability(support) >= self.config().evidence.accept)
             .collect();
-        // One that suffices and is not made now has not failed: it is tried again.
-        let failed = worth.iter().filter(|w| !sufficient.iter().any(|&(at, _)| trials[at].key == w.0));
-        let failed: Vec<_> = failed.map(|w| self.state_of(w.0)).collect();
-        self.tried.extend(failed);
-        let best = sufficient
-            .into_iter()
-            .max_by(|x, y| self.probability(&x.1).total_cmp(&self.probability(&y.1)).then(y.0.cmp(&x.0)));
-        let Some((at, support)) = best else { return Ok(false) };
-        let Trial { proposal, mut joined, .. } = trials.swap_remove(at);
-        if let Some(last) = joined.joins.last_mut() {
-            last.support = Support { probability: Some(self.probability(&support)), ..support };
+        // One that suffices and cannot be made now has not failed: it is tried again.
+        for (key, ..) in &worth {
+            if !sufficient.iter().any(|&(at, _)| trials[at].key == *key) {
+                self.links.entry(*key).and_modify(|link| link.tried = true);
+            }
         }
-        for component in [proposal.a, proposal.b].map(|id| &self.components[&id]) {
+        sufficient
+            .sort_by(|x, y| self.probability(&y.1).total_cmp(&self.probability(&x.1)).then(x.0.cmp(&y.0)));
+        let mut trials: Vec<Option<Trial>> = trials.into_iter().map(Some).collect();
+        let mut any = false;
+        for (at, support) in sufficient {
+            let Some(trial) = trials[at].take() else { continue };
+            if [trial.key.0, trial.key.1].iter().all(|id| self.components.contains_key(id)) {
+                let probability = Some(self.probability(&support));
+                self.make(trial, Support { probability, ..support });
+                any = true;
+            }
+        }
+        Ok(any)
+    }
+
+    /// Makes a join that was tried.
+    fn make(&mut self, trial: Trial, support: Support) {
+        let Proposal { a, b, .. } = trial.proposal;
+        for component in [a, b].map(|id| &self.components[&id]) {
             if let [(alone, _)] = component.members[..] {
                 self.tried_out.insert(alone);
             }
         }
-        self.replace(&[proposal.a, proposal.b], joined);
-        Ok(true)
+        if trial.whole {
+            let mut joined = trial.refined;
+            joined.joins.last_mut().into_iter().for_each(|join| join.support = support);
+            self.replace(&[a, b], joined, None);
+        } else {
+            let assessment = Assessment { a_from_b: trial.a_from_b, support };
+            self.join(&Proposal { assessment, ..trial.proposal });
+        }
     }
 
     fn probability(&self, support: &Support) -> f64 {
@@ -93,18 +133,12 @@ impl Assembly<'_> {
         self.probability(&Support { runner_up: 0, ..*support })
     }
 
-    /// What a link's trials depend on: while it stays, so does their outcome.
-    fn state_of(&self, key: (ComponentId, ComponentId)) -> (ComponentId, ComponentId, usize, usize) {
-        let scans = self.components[&key.0].members.len() + self.components[&key.1].members.len();
-        (key.0, key.1, scans, self.links[&key].pairs.len())
-    }
-
     /// Proposals in the order in which they deserve a trial; links that failed before do not.
     fn worth_trying(&self) -> Vec<((ComponentId, ComponentId), Assessment, usize)> {
         let mut worth = Vec::new();
         for (key, link) in &self.links {
             let alone = self.components[&key.0].members.len() + self.components[&key.1].members.len() <= 2;
-            if alone || self.tried.contains(&self.state_of(*key)) {
+            if alone || link.tried {
                 continue;
             }
             let mut of_link: Vec<(f64, Assessment, usize)> = link
@@ -113,6 +147,7 @@ impl Assembly<'_> {
                 .flatten()
                 .map(|&(found, pair)| (self.unrivalled(&found.support), found, pair))
                 .filter(|found| found.0 >= WORTH_TRYING)
+                .filter(|found| !self.assessor.sight_trusted || found.1.support.violation <= HOPELESS)
                 .collect();
             of_link.sort_by(|x, y| y.0.total_cmp(&x.0));
             of_link.truncate(TRIALS_PER_LINK);
@@ -123,7 +158,7 @@ impl Assembly<'_> {
         worth.into_iter().map(|(_, key, found, pair)| (key, found, pair)).collect()
     }
 
-    /// Makes a join on the side, refines all its poses, and measures how the two sides then sit.
+    /// Makes a join on the side, refines the poses around it, and measures how the two sides then sit.
     fn try_out(
         &self,
         key: (ComponentId, ComponentId),
@@ -132,24 +167,64 @@ impl Assembly<'_> {
         monitor: &dyn Monitor,
     ) -> Result<Option<Trial>> {
         let (ca, cb) = (&self.components[&key.0], &self.components[&key.1]);
-        let Some(mut joined) = self.joined(ca, cb, &proposal) else { return Ok(None) };
-        let newcomers: BTreeSet<ScanId> = cb.members.iter().map(|m| m.0).collect();
+        let pair = &self.pairs[proposal.pair];
+        let a_from_b = proposal.assessment.a_from_b;
+        let near_a = self.vicinity(ca, cb, &a_from_b, pair);
+        let near_b = self.vicinity(cb, ca, &a_from_b.inverse(), pair);
+        let Some(mut joined) = self.joined(&near_a, &near_b, &proposal) else { return Ok(None) };
+        let newcomers: BTreeSet<ScanId> = near_b.members.iter().map(|m| m.0).collect();
         self.refine_component(&mut joined, &newcomers, coarse, monitor)?;
-        let side = |c: &Component| -> Vec<(ScanId, RigidMotion)> {
-            let of: BTreeSet<ScanId> = c.members.iter().map(|m| m.0).collect();
-            joined.members.iter().copied().filter(|m| of.contains(&m.0)).collect()
+        let (b, a): (Vec<_>, Vec<_>) = joined.members.iter().partition(|m| newcomers.contains(&m.0));
+        // The pair's scan of a component: its pose there and in the refined whole.
+        let junction = |component: &Component| {
+            let (scan, there) = component.members.iter().find(|m| [pair.i, pair.j].contains(&m.0))?;
+            let here = joined.members.iter().find(|m| m.0 == *scan)?.1;
+            Some((*scan, *there, here))
         };
-        let (a, b) = (side(ca), side(cb));
-        let ([first, ..], [second, ..]) = (a.as_slice(), b.as_slice()) else { return Ok(None) };
-        let first_from_second = first.1.inverse() * second.1;
-        let centre = self.assessor.models[second.0.0].centre.cast();
+        let (Some((i, in_a, first)), Some((j, in_b, second))) = (junction(ca), junction(cb)) else {
+            return Ok(None);
+        };
+        let a_from_b = in_a * first.inverse() * second * in_b.inverse();
+        let centre = in_b * self.assessor.models[j.0].centre.cast::<f64>();
         let poses = |m: &[(ScanId, RigidMotion)]| m.iter().copied().collect::<BTreeMap<_, _>>();
         let matches = self.matches_between(&self.links[&key].pairs, &poses(&a), &poses(&b));
         let stay = RigidMotion::identity();
         let inliers = matches.count(&stay, self.assessor.radius_m);
         let (a, b) = (self.posed(&a), self.posed(&b));
         let support = self.assessor.measure(&a, &b, &stay, &matches, (inliers, 0)).support;
-        Ok(Some(Trial { key, proposal, joined, first_from_second, centre, support }))
+        let whole = near_a.members.len() == ca.members.len() && near_b.members.len() == cb.members.len();
+        Ok(Some(Trial { key, proposal, refined: joined, whole, junction: (i, j), a_from_b, centre, support }))
+    }
+
+    /// The part of a component that is nearest to another one, in the order of its members; the scan of
+    /// the pair that links the two is always in it.
+    fn vicinity(
+        &self,
+        component: &Component,
+        other: &Component,
+        component_from_other: &RigidMotion,
+        pair: &ScanPair,
+    ) -> Component {
+        if component.members.len() <= VICINITY {
+            return component.clone();
+        }
+        let centre =
+            |&(scan, pose): &(ScanId, RigidMotion)| pose * self.assessor.models[scan.0].centre.cast();
+        let others: Vec<Point3<f64>> =
+            other.members.iter().map(|m| component_from_other * centre(m)).collect();
+        let away = |m: &(ScanId, RigidMotion)| {
+            if [pair.i, pair.j].contains(&m.0) {
+                return 0.0;
+            }
+            others.iter().map(|o| (o - centre(m)).norm()).fold(f64::INFINITY, f64::min)
+        };
+        let away: Vec<f64> = component.members.iter().map(away).collect();
+        let mut nearest: Vec<usize> = (0..away.len()).collect();
+        nearest.sort_by(|&x, &y| away[x].total_cmp(&away[y]).then(x.cmp(&y)));
+        nearest.truncate(VICINITY);
+        nearest.sort_unstable();
+        let members = nearest.into_iter().map(|m| component.members[m]).collect();
+        Component { members, joins: Vec::new(), refined_at: component.refined_at }
     }
 
     /// The support of a trial in the light of the others for the same two components.
@@ -157,8 +232,12 @@ impl Assembly<'_> {
         let trial = &trials[at];
         // Two proposals may lead to one place.
         let radius_m = self.assessor.radius_m;
-        let elsewhere = |t: &&Trial| {
-            !same_motion(&t.first_from_second, &trial.first_from_second, &trial.centre, radius_m)
+        let elsewhere = |t: &&Trial| match (t.relative(trial.junction), trial.relative(trial.junction)) {
+            (Some(one), Some(other)) => {
+                let centre = self.assessor.models[trial.junction.1.0].centre.cast();
+                !same_motion(&one, &other, &centre, radius_m)
+            }
+            _ => !same_motion(&t.a_from_b, &trial.a_from_b, &trial.centre, radius_m),
         };
         let rivals = trials.iter().filter(|t| t.key == trial.key).filter(elsewhere);
         let standing =
