@@ -18,6 +18,9 @@ pub struct TrainConfig {
     pub attention_channels: usize,
     /// Pairs of patches taken from each scene.
     pub pairs_per_scene: usize,
+    /// How far, in patch radii, the two keypoints of a pair may be apart: those of two scans are
+    /// chosen independently and never fall on the same spot.
+    pub keypoint_offset: f64,
     /// Share of the flat patches that are kept: they look alike wherever they are.
     pub flat_share: f64,
     /// Steps of the run.
@@ -63,6 +66,7 @@ impl Default for TrainConfig {
             channels: vec![32; 6],
             attention_channels: 16,
             pairs_per_scene: 3000,
+            keypoint_offset: 0.2,
             flat_share: 0.2,
             steps: 4000,
             pairs_per_step: 96,
@@ -120,6 +124,7 @@ impl TrainConfig {
             return refuse("validate_every", self.validate_every.to_string(), &expected);
         }
         let reals = [
+            ("keypoint_offset", self.keypoint_offset, 0.0, 1.0),
             ("flat_share", self.flat_share, 0.0, 1.0),
             ("learning_rate", self.learning_rate, 1e-12, 1.0),
             ("average", self.average, 0.0, 0.9999),

@@ -3,11 +3,11 @@
 use super::TrainConfig;
 use crate::descriptor::keypoints;
 use crate::descriptor::spinnet::patch::{self, MOST_POINTS, Patch, PatchSource};
-use crate::geometry::neighbours::RadiusGrid;
+use crate::geometry::neighbours::{PointIndex, RadiusGrid};
 use crate::geometry::rigid::PointMover;
 use crate::geometry::{Point, RigidMotion};
 use crate::scan::Surface;
-use rand::seq::SliceRandom;
+use rand::seq::{IndexedRandom, SliceRandom};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -69,7 +69,8 @@ pub fn extract(scans: &[PosedSurface], lengths: PairLengths, config: &TrainConfi
         .collect();
     let grids: Vec<RadiusGrid<'_>> =
         scans.iter().map(|s| RadiusGrid::new(&s.surface.points, lengths.match_m)).collect();
-    let finder = Finder { scans, sources: &sources, grids: &grids, lengths, config };
+    let indices: Vec<PointIndex> = scans.par_iter().map(|s| PointIndex::new(&s.surface.points)).collect();
+    let finder = Finder { scans, sources: &sources, grids: &grids, indices: &indices, lengths, config };
     (0..scans.len()).into_par_iter().flat_map_iter(|scan| finder.of_scan(scan, per_scan)).collect()
 }
 
@@ -77,6 +78,7 @@ struct Finder<'a> {
     scans: &'a [PosedSurface],
     sources: &'a [PatchSource<'a>],
     grids: &'a [RadiusGrid<'a>],
+    indices: &'a [PointIndex],
     lengths: PairLengths,
     config: &'a TrainConfig,
 }
@@ -99,7 +101,7 @@ impl Finder<'_> {
             }
             others.shuffle(&mut rng);
             let keypoint = own.surface.points[row];
-            let Some((other, match_row)) = self.counterpart(scan, row, &others) else { continue };
+            let Some((other, match_row)) = self.counterpart(scan, row, &others, &mut rng) else { continue };
             if !self.sources[scan].gather(&keypoint, &mut nearby, &mut patch)
                 || (is_flat(&patch) && rng.random_range(0.0..1.0) >= self.config.flat_share)
             {
@@ -114,9 +116,18 @@ impl Finder<'_> {
         found
     }
 
-    /// Scan and row of the nearest surface point, of the same side, in one of the other scans.
-    fn counterpart(&self, scan: usize, row: usize, others: &[usize]) -> Option<(usize, usize)> {
+    /// Scan and row of a surface point, of the same side, in one of the other scans: one of those
+    /// around the place that are within `config.keypoint_offset`, because keypoints of two scans
+    /// never fall on the same spot.
+    fn counterpart(
+        &self,
+        scan: usize,
+        row: usize,
+        others: &[usize],
+        rng: &mut ChaCha8Rng,
+    ) -> Option<(usize, usize)> {
         let own = &self.scans[scan];
+        let offset_m = self.config.keypoint_offset as f32 * self.lengths.radius_m;
         let mut tries = 0;
         for &other in others {
             let there = &self.scans[other];
@@ -124,8 +135,12 @@ impl Finder<'_> {
             let moved = PointMover::new(&motion).point(&own.surface.points[row]);
             let Some((at, _)) = self.grids[other].nearest(&moved) else { continue };
             let normal = (motion.rotation * own.surface.normals[row].cast::<f64>()).cast::<f32>();
-            if normal.dot(&there.surface.normals[at]) >= LEAST_NORMAL_PRODUCT {
-                return Some((other, at));
+            let same_side = |at: usize| normal.dot(&there.surface.normals[at]) >= LEAST_NORMAL_PRODUCT;
+            if same_side(at) {
+                let around = self.indices[other].within(&moved, offset_m);
+                let around: Vec<usize> =
+                    around.into_iter().map(|(at, _)| at).filter(|&a| same_side(a)).collect();
+                return Some((other, *around.choose(rng).unwrap_or(&at)));
             }
             tries += 1;
             if tries == TRIES {

@@ -14,6 +14,7 @@ fn config() -> TrainConfig {
     TrainConfig {
         channels: vec![16, 16, 16],
         pairs_per_scene: 60,
+        keypoint_offset: 0.0,
         flat_share: 1.0,
         steps: 48,
         pairs_per_step: 16,
@@ -71,6 +72,21 @@ fn pairs_show_one_place_twice() {
     assert_eq!(data.train[0].pairs.len(), 60);
     // The same seed, the same pairs.
     assert_eq!(data.train, super::tests::data(&config).train);
+}
+
+#[test]
+fn keypoints_of_a_pair_are_apart_by_up_to_the_offset() {
+    // Heights and distances along the axis of one place differ by the sampling alone; two places
+    // on the bumpy ground differ the more, the farther apart they are.
+    let spread = |keypoint_offset: f64| {
+        let data = data(&TrainConfig { keypoint_offset, ..config() });
+        let mean = |points: &[[f32; 3]]| points.iter().map(|p| p[2]).sum::<f32>() / points.len() as f32;
+        let pairs: Vec<&PatchPair> = data.train.iter().flat_map(|s| &s.pairs).collect();
+        assert_eq!(pairs.len(), 120);
+        pairs.iter().map(|p| (mean(&p.points[0]) - mean(&p.points[1])).abs()).sum::<f32>() / 120.0
+    };
+    let spreads = [0.0, 0.2, 0.6].map(spread);
+    assert!(spreads[1] > 2.0 * spreads[0] && spreads[2] > 1.5 * spreads[1], "{spreads:?}");
 }
 
 /// Descriptors of four pairs, and which of them are negatives.
