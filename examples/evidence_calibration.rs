@@ -170,7 +170,7 @@ fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Fai
     let assessor = Assessor { models: &models, config: &config.registration, radius_m, sight_trusted: true };
     let usable: Vec<ScanId> = (0..inputs.len()).map(ScanId).collect();
     let pairs = most_similar_pairs(&similarity, &usable, config.registration.assembly.neighbours);
-    let pairs = PairRegistration::new(&inputs, &assessor, 0).register(&pairs, &Silent)?;
+    let pairs = PairRegistration::new(&inputs, 0).register(&pairs, &assessor, &Silent)?;
     let mut examples = Vec::new();
     for round in 0..ROUNDS {
         let mut taken = vec![false; n];

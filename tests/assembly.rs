@@ -7,8 +7,7 @@ use scanweave::pipeline::{self, Described, FeatureSource, Stopwatch};
 use scanweave::registration::assembly::Assembly;
 use scanweave::registration::assessment::{Assessment, Assessor};
 use scanweave::registration::incremental::ScanInput;
-use scanweave::registration::matching::Matches;
-use scanweave::registration::pairs::{PairRegistration, ScanPair, most_similar_pairs};
+use scanweave::registration::pairs::{MatchedPoints, PairRegistration, ScanPair, most_similar_pairs};
 use scanweave::registration::scan_model::ScanModel;
 use scanweave::scan::{Reconstruction, Scan, ScanId, SimilarityMatrix};
 use scanweave::synthetic::{SynthConfig, generate};
@@ -136,8 +135,8 @@ fn with_assembly<T>(
     let n = inputs.len();
     let all: Vec<ScanId> = (0..n).map(ScanId).collect();
     let flat = SimilarityMatrix::new(n, vec![0.5; n * n]).unwrap();
-    let pairs = PairRegistration::new(&inputs, &assessor, 0)
-        .register(&most_similar_pairs(&flat, &all, n), &Silent)
+    let pairs = PairRegistration::new(&inputs, 0)
+        .register(&most_similar_pairs(&flat, &all, n), &assessor, &Silent)
         .unwrap();
     work(&assessor, pairs)
 }
@@ -235,13 +234,9 @@ fn a_trial_refutes_a_rival_with_more_matches_that_nothing_makes_fit() {
         assert_eq!(kept.len(), 40);
         let decoys: Vec<Point> =
             places.described.features[link.j.0].keypoints.iter().step_by(16).take(70).copied().collect();
-        let mut matches = Matches::default();
-        matches.source = kept.iter().map(|&k| m.source[k]).chain(decoys.iter().copied()).collect();
-        matches.target =
-            kept.iter().map(|&k| m.target[k]).chain(decoys.iter().map(|p| moved(&wrong, p))).collect();
-        matches.pairs = vec![(0, 0); matches.source.len()];
-        matches.scores = vec![0.0; matches.source.len()];
-        link.matches = matches;
+        let source = kept.iter().map(|&k| m.source[k]).chain(decoys.iter().copied()).collect();
+        let target = kept.iter().map(|&k| m.target[k]).chain(decoys.iter().map(|p| moved(&wrong, p)));
+        link.matches = MatchedPoints { source, target: target.collect() };
         link.hypotheses = vec![Assessment { a_from_b: wrong, ..right }, right];
         pairs.retain(|p| !crossing(p));
         pairs.push(link);

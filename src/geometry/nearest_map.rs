@@ -18,6 +18,8 @@ const SIDE: i32 = 4;
 const BLOCK: usize = (SIDE * SIDE * SIDE) as usize;
 /// No point is near.
 const NOBODY: u32 = u32::MAX;
+/// The same among few points.
+const NOBODY_OF_FEW: u16 = u16::MAX;
 /// A block's coordinates are kept in this many bits each.
 const BITS: u32 = 21;
 
@@ -48,7 +50,41 @@ pub struct NearestMap {
     /// Lowest corner of the points' box: voxels are counted from there.
     origin: Point,
     blocks: Blocks,
+    nearest: Indices,
+}
+
+/// Voxels are by far the most that is kept of a scan: small indices where they suffice.
+enum Indices {
+    /// Of points up to the 65 535th.
+    Few(Vec<u16>),
+    /// Of any points.
+    Many(Vec<u32>),
+}
+
+impl Indices {
+    fn new(nearest: Vec<u32>, points: usize) -> Self {
+        if points > usize::from(NOBODY_OF_FEW) {
+            return Self::Many(nearest);
+        }
+        // NOBODY is cut to NOBODY_OF_FEW.
+        Self::Few(nearest.into_iter().map(|i| i as u16).collect())
+    }
+
+    #[inline]
+    fn get(&self, voxel: usize) -> Option<usize> {
+        match self {
+            Self::Few(of) => (of[voxel] != NOBODY_OF_FEW).then_some(of[voxel].into()),
+            Self::Many(of) => (of[voxel] != NOBODY).then_some(of[voxel] as usize),
+        }
+    }
+}
+
+/// Voxels of a map under construction, block by block.
+#[derive(Default)]
+struct Voxels {
     nearest: Vec<u32>,
+    /// Squared distance of the nearest point from the voxel's centre, in voxels.
+    squared: Vec<f32>,
 }
 
 impl NearestMap {
@@ -58,20 +94,22 @@ impl NearestMap {
         let origin =
             if points.is_empty() { Point::origin() } else { low - nalgebra::Vector3::repeat(radius_m) };
         let per_metre = VOXELS_PER_RADIUS / radius_m;
-        let mut map = Self { per_metre, origin, blocks: Blocks::default(), nearest: Vec::new() };
+        let mut map =
+            Self { per_metre, origin, blocks: Blocks::default(), nearest: Indices::Few(Vec::new()) };
         // Block by block: the blocks around are found once for all points of one.
         let mut order: Vec<([i32; 3], u32)> =
             points.iter().zip(0..).map(|(p, i)| (map.voxel(p).map(|v| v.div_euclid(SIDE)), i)).collect();
         order.sort_unstable();
-        let mut squared = Vec::new();
+        let mut voxels = Voxels::default();
         for of_block in order.chunk_by(|one, other| one.0 == other.0) {
             let block = of_block[0].0;
-            let around = map.blocks_around(block, &mut squared);
+            let around = map.blocks_around(block, &mut voxels);
             for &(_, i) in of_block {
-                map.offer(i, &points[i as usize], block, &around, &mut squared);
+                map.offer(i, &points[i as usize], block, &around, &mut voxels);
             }
         }
-        map.nearest.shrink_to_fit();
+        map.blocks.shrink_to_fit();
+        map.nearest = Indices::new(voxels.nearest, points.len());
         map
     }
 
@@ -83,15 +121,15 @@ impl NearestMap {
     }
 
     /// Where the voxels of a block and its 26 neighbours start, which are made where missing.
-    fn blocks_around(&mut self, block: [i32; 3], squared: &mut Vec<f32>) -> [usize; 27] {
+    fn blocks_around(&mut self, block: [i32; 3], voxels: &mut Voxels) -> [usize; 27] {
         std::array::from_fn(|n| {
             let n = n as i32;
             let at = [block[0] + n / 9 - 1, block[1] + n / 3 % 3 - 1, block[2] + n % 3 - 1];
-            let next = self.nearest.len();
+            let next = voxels.nearest.len();
             let start = *self.blocks.entry(key(at)).or_insert(next as u32) as usize;
             if start == next {
-                self.nearest.resize(next + BLOCK, NOBODY);
-                squared.resize(next + BLOCK, f32::INFINITY);
+                voxels.nearest.resize(next + BLOCK, NOBODY);
+                voxels.squared.resize(next + BLOCK, f32::INFINITY);
             }
             start
         })
@@ -99,7 +137,7 @@ impl NearestMap {
 
     /// Offers a point to all voxels that places within the radius of it lie in; of equally near
     /// points a voxel keeps the first offered.
-    fn offer(&mut self, index: u32, p: &Point, block: [i32; 3], around: &[usize; 27], squared: &mut [f32]) {
+    fn offer(&self, index: u32, p: &Point, block: [i32; 3], around: &[usize; 27], voxels: &mut Voxels) {
         // In voxels from the corner of the blocks around, with centres at whole numbers.
         let corner = nalgebra::Vector3::from(block.map(|b| ((b - 1) * SIDE) as f32 + 0.5));
         let at = (p - self.origin) * self.per_metre - corner;
@@ -120,9 +158,9 @@ impl NearestMap {
                 for z in span(2) {
                     let d = dy + (z as f32 - at.z).powi(2);
                     let voxel = around[row + (z / SIDE) as usize] + within + (z % SIDE) as usize;
-                    if d < squared[voxel] && d <= limit {
-                        squared[voxel] = d;
-                        self.nearest[voxel] = index;
+                    if d < voxels.squared[voxel] && d <= limit {
+                        voxels.squared[voxel] = d;
+                        voxels.nearest[voxel] = index;
                     }
                 }
             }
@@ -138,9 +176,7 @@ impl NearestMap {
         let block = voxel.map(|v| v.div_euclid(SIDE));
         let start = *self.blocks.get(&key(block))?;
         let within = voxel.map(|v| v.rem_euclid(SIDE));
-        let index =
-            self.nearest[start as usize + ((within[0] * SIDE + within[1]) * SIDE + within[2]) as usize];
-        (index != NOBODY).then_some(index as usize)
+        self.nearest.get(start as usize + ((within[0] * SIDE + within[1]) * SIDE + within[2]) as usize)
     }
 }
 
@@ -178,6 +214,17 @@ mod tests {
                     (None, least) => prop_assert!(least.is_none_or(|d| d > radius_m - 1e-5)),
                 }
             }
+        }
+    }
+
+    #[test]
+    fn of_more_points_than_small_indices_count_every_one_is_found() {
+        for n in [65_534, 65_535, 65_536, 70_000] {
+            let row = |i: usize| Point::new((i % 300) as f32, (i / 300) as f32, 0.0);
+            let points: Vec<Point> = (0..n).map(row).collect();
+            let map = NearestMap::new(&points, 0.3);
+            assert!((0..n).all(|i| map.near(&points[i]) == Some(i)), "of {n} points");
+            assert_eq!(map.near(&Point::new(0.5, 0.5, 0.0)), None);
         }
     }
 

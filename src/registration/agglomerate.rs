@@ -44,19 +44,20 @@ pub(super) fn register(
         scans.par_iter().map(|s| ScanModel::new(s.surface, radius_m as f32, config)).collect();
     let mut assessor = Assessor { models: &models, config, radius_m, sight_trusted: false };
     let retrieved = most_similar_pairs(similarity, &usable, config.assembly.neighbours);
-    let mut pairs = PairRegistration::new(scans, &assessor, seed).register(&retrieved, monitor)?;
+    let pairwise = PairRegistration::new(scans, seed);
+    let mut pairs = pairwise.register(&retrieved, &assessor, monitor)?;
     let surest = pairs.iter().filter_map(|p| Some(&p.hypotheses.first()?.support));
     assessor.sight_trusted = evidence::sight_is_trustworthy(surest, &config.evidence.weights);
     tracing::debug!("viewpoints are believed: {}", assessor.sight_trusted);
     pairs.iter_mut().for_each(|pair| pair.reassess(&assessor));
 
-    let pairwise = PairRegistration::new(scans, &assessor, seed);
     let mut assembly = Assembly::new(&assessor, &usable);
     assembly.add_pairs(pairs);
     join_all(&mut assembly, config, monitor)?;
     if config.assembly.second_look {
         let unseen = assembly.unseen_pairs(similarity);
-        assembly.add_pairs(pairwise.register(&unseen, monitor)?);
+        assembly.add_pairs(pairwise.register(&unseen, &assessor, monitor)?);
+        drop(pairwise);
         join_all(&mut assembly, config, monitor)?;
     }
     assembly.refine_all(monitor)?;

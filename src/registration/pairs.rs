@@ -5,14 +5,25 @@ use super::assessment::{Assessment, Assessor};
 use super::estimate::estimate;
 use super::estimate::scoring::Correspondences;
 use super::incremental::ScanInput;
-use super::matching::{Matches, NearestCache};
+use super::matching::NearestCache;
 use super::meta_shape::MetaShape;
 use super::nearest::Columns;
 use super::surface_fit::Posed;
 use crate::error::Result;
+use crate::geometry::{Point, RigidMotion};
 use crate::monitor::Monitor;
 use crate::scan::{ScanId, SimilarityMatrix};
 use rayon::prelude::*;
+
+/// Matched keypoints of two scans, each in its scan's frame. A large pile has tens of thousands of
+/// pairs, so that nothing is kept beside the points.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct MatchedPoints {
+    /// Keypoints of one scan, one a match.
+    pub source: Box<[Point]>,
+    /// Their counterparts in the other.
+    pub target: Box<[Point]>,
+}
 
 /// Everything known about the relative pose of two scans, i < j.
 #[derive(Debug, Clone)]
@@ -21,8 +32,8 @@ pub struct ScanPair {
     pub i: ScanId,
     /// The other one.
     pub j: ScanId,
-    /// Keypoints of j (sources) with their mutual matches in i (targets).
-    pub matches: Matches,
+    /// Keypoints of j (sources) with their mutual matches in i (targets); none without a hypothesis.
+    pub matches: MatchedPoints,
     /// Distinct hypotheses `i_from_j`, most probable first.
     pub hypotheses: Vec<Assessment>,
 }
@@ -61,30 +72,34 @@ pub fn most_similar_pairs(
 /// Registers pairs of scans.
 pub struct PairRegistration<'a> {
     scans: &'a [ScanInput<'a>],
-    assessor: &'a Assessor<'a>,
     seed: u64,
     columns: Vec<Columns>,
 }
 
 impl<'a> PairRegistration<'a> {
     /// Prepares the descriptors for matching.
-    pub fn new(scans: &'a [ScanInput<'a>], assessor: &'a Assessor<'a>, seed: u64) -> Self {
+    pub fn new(scans: &'a [ScanInput<'a>], seed: u64) -> Self {
         let columns = scans.par_iter().map(|s| Columns::new(&s.features.descriptors)).collect();
-        Self { scans, assessor, seed, columns }
+        Self { scans, seed, columns }
     }
 
-    /// Registers pairs, in their order.
+    /// Registers pairs, in their order, and weighs what is found.
     ///
     /// # Errors
     /// Only when the monitor is cancelled.
-    pub fn register(&self, pairs: &[(ScanId, ScanId)], monitor: &dyn Monitor) -> Result<Vec<ScanPair>> {
+    pub fn register(
+        &self,
+        pairs: &[(ScanId, ScanId)],
+        assessor: &Assessor<'_>,
+        monitor: &dyn Monitor,
+    ) -> Result<Vec<ScanPair>> {
         const STAGE: &str = "pairs";
         monitor.begin(STAGE, pairs.len());
         let registered = pairs
             .par_iter()
             .map(|&(i, j)| {
                 monitor.check("registration")?;
-                let pair = self.register_one(i, j);
+                let pair = self.register_one(i, j, assessor);
                 monitor.advance(1);
                 Ok(pair)
             })
@@ -93,27 +108,25 @@ impl<'a> PairRegistration<'a> {
         registered
     }
 
-    fn register_one(&self, i: ScanId, j: ScanId) -> ScanPair {
+    fn register_one(&self, i: ScanId, j: ScanId, assessor: &Assessor<'_>) -> ScanPair {
         let target = MetaShape::new(i, self.scans[i.0].features);
         let mut nearest = NearestCache::new(self.columns[j.0].clone());
         nearest.update(&target);
         let matches = nearest.mutual(&self.scans[j.0].features.keypoints, &target);
-        let config = self.assessor.config;
+        let config = assessor.config;
         // One stream of random numbers a pair: the outcome depends on the pair alone.
         let stream = ((i.0 as u64) << 32) | (j.0 as u64 + 1);
         let seed = self.seed ^ stream.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        let proposals = estimate(&matches, &config.estimator, self.assessor.radius_m, seed);
+        let proposals = estimate(&matches, &config.estimator, assessor.radius_m, seed);
         let motions: Vec<_> = proposals.into_iter().map(|p| p.target_from_source).collect();
-        let (a, b) = ([self.alone(i)], [self.alone(j)]);
+        let alone =
+            |s: ScanId| [Posed { model: &assessor.models[s.0], group_from_scan: RigidMotion::identity() }];
         let correspondences = Correspondences::new(&matches.source, &matches.target);
-        let hypotheses = self.assessor.assess(&a, &b, &motions, &correspondences);
+        let hypotheses = assessor.assess(&alone(i), &alone(j), &motions, &correspondences);
+        let matches = match hypotheses.is_empty() {
+            true => MatchedPoints::default(),
+            false => MatchedPoints { source: matches.source.into(), target: matches.target.into() },
+        };
         ScanPair { i, j, matches, hypotheses }
-    }
-
-    fn alone(&self, scan: ScanId) -> Posed<'a> {
-        Posed {
-            model: &self.assessor.models[scan.0],
-            group_from_scan: crate::geometry::RigidMotion::identity(),
-        }
     }
 }

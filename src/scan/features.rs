@@ -2,12 +2,13 @@
 
 use crate::error::{Error, Result};
 use crate::geometry::{Direction, Point};
+use std::sync::Arc;
 
-/// Row-major descriptors, one row a keypoint.
+/// Row-major descriptors, one row a keypoint. Clones share the values.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Descriptors {
     dim: usize,
-    values: Vec<f32>,
+    values: Arc<Vec<f32>>,
 }
 
 impl Descriptors {
@@ -32,12 +33,12 @@ impl Descriptors {
                 "compute the features again or drop that keypoint",
             ));
         }
-        Ok(Self { dim, values })
+        Ok(Self { dim, values: Arc::new(values) })
     }
 
     /// Scales every row to unit length; a zero row stays zero.
     pub fn normalized(mut self) -> Self {
-        for row in self.values.chunks_exact_mut(self.dim) {
+        for row in Arc::make_mut(&mut self.values).chunks_exact_mut(self.dim) {
             let norm = row.iter().map(|v| v * v).sum::<f32>().sqrt();
             if norm > 0.0 {
                 row.iter_mut().for_each(|v| *v /= norm);
@@ -74,7 +75,7 @@ impl Descriptors {
     /// The chosen rows, in the given order.
     pub fn select(&self, rows: &[usize]) -> Self {
         let values = rows.iter().flat_map(|&i| self.row(i).iter().copied()).collect();
-        Self { dim: self.dim, values }
+        Self { dim: self.dim, values: Arc::new(values) }
     }
 }
 
