@@ -171,6 +171,7 @@ fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Fai
     let usable: Vec<ScanId> = (0..inputs.len()).map(ScanId).collect();
     let pairs = most_similar_pairs(&similarity, &usable, config.registration.assembly.neighbours);
     let pairs = PairRegistration::new(&inputs, 0).register(&pairs, &assessor, &Silent)?;
+    let keypoints: Vec<_> = inputs.iter().map(|s| s.features.keypoints.as_slice()).collect();
     let mut examples = Vec::new();
     for round in 0..ROUNDS {
         let mut taken = vec![false; n];
@@ -192,7 +193,7 @@ fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Fai
             groups.push(members.by_ref().take(together).collect());
             groups.extend(members.map(|m| vec![m]));
         }
-        let mut assembly = Assembly::of_groups(&assessor, groups);
+        let mut assembly = Assembly::of_groups(&assessor, keypoints.clone(), groups);
         assembly.add_pairs(pairs.clone());
         for (a, b, assessments) in assembly.assessments() {
             if a.min(b) >= own {

@@ -7,7 +7,7 @@ use scanweave::pipeline::{self, Described, FeatureSource, Stopwatch};
 use scanweave::registration::assembly::Assembly;
 use scanweave::registration::assessment::{Assessment, Assessor};
 use scanweave::registration::incremental::ScanInput;
-use scanweave::registration::pairs::{MatchedPoints, PairRegistration, ScanPair, most_similar_pairs};
+use scanweave::registration::pairs::{PairRegistration, ScanPair, most_similar_pairs};
 use scanweave::registration::scan_model::ScanModel;
 use scanweave::scan::{Reconstruction, Scan, ScanId, SimilarityMatrix};
 use scanweave::synthetic::{SynthConfig, generate};
@@ -45,6 +45,10 @@ fn two_places() -> &'static TwoPlaces {
 }
 
 impl TwoPlaces {
+    fn keypoints(&self) -> Vec<&[Point]> {
+        self.described.features[..self.first].iter().map(|f| f.keypoints.as_slice()).collect()
+    }
+
     fn register(&self, order: &[usize], config: &Config) -> Reconstruction {
         let mut described = self.described.clone();
         described.surfaces = order.iter().map(|&k| self.described.surfaces[k].clone()).collect();
@@ -156,7 +160,7 @@ fn a_review_moves_a_scan_that_stands_in_the_wrong_place() {
                 (ScanId(k), off * places.world_from_scan[k])
             })
             .collect();
-        let mut assembly = Assembly::of_groups(assessor, vec![members]);
+        let mut assembly = Assembly::of_groups(assessor, places.keypoints(), vec![members]);
         assembly.add_pairs(pairs);
         assert!(assembly.review(&Silent).unwrap() >= 1);
         let finished = assembly.finish();
@@ -183,7 +187,7 @@ fn two_halves_join_at_the_true_relative_pose() {
         let half = places.first / 2;
         let a = (0..half).map(|k| member(k, &RigidMotion::identity())).collect();
         let b = (half..places.first).map(|k| member(k, &shifted)).collect();
-        let mut assembly = Assembly::of_groups(assessor, vec![a, b]);
+        let mut assembly = Assembly::of_groups(assessor, places.keypoints(), vec![a, b]);
         assembly.add_pairs(pairs);
         let join = assembly.best_join(&Silent).unwrap().unwrap();
         assert!(join.probability() > 0.9, "{}", join.probability());
@@ -228,15 +232,19 @@ fn a_trial_refutes_a_rival_with_more_matches_that_nothing_makes_fit() {
         let right = link.hypotheses[0];
         let wrong = RigidMotion::translation(1.0, 0.6, 0.3) * right.a_from_b;
         let moved = |motion: &RigidMotion, p: &Point| (motion * p.cast::<f64>()).cast::<f32>();
-        let m = &link.matches;
-        let near = |&k: &usize| (moved(&right.a_from_b, &m.source[k]) - m.target[k]).norm() < 0.05;
-        let kept: Vec<usize> = (0..m.source.len()).filter(near).step_by(5).take(40).collect();
+        let [of_i, of_j] = [link.i, link.j].map(|s| &places.described.features[s.0].keypoints);
+        let near = |m: &&(u32, u32)| {
+            (moved(&right.a_from_b, &of_j[m.1 as usize]) - of_i[m.0 as usize]).norm() < 0.05
+        };
+        let kept: Vec<(u32, u32)> = link.matches.iter().filter(near).step_by(5).take(40).copied().collect();
         assert_eq!(kept.len(), 40);
-        let decoys: Vec<Point> =
-            places.described.features[link.j.0].keypoints.iter().step_by(16).take(70).copied().collect();
-        let source = kept.iter().map(|&k| m.source[k]).chain(decoys.iter().copied()).collect();
-        let target = kept.iter().map(|&k| m.target[k]).chain(decoys.iter().map(|p| moved(&wrong, p)));
-        link.matches = MatchedPoints { source, target: target.collect() };
+        let decoys: Vec<u32> = (0..of_j.len() as u32).step_by(16).take(70).collect();
+        let counterparts = decoys.iter().map(|&k| moved(&wrong, &of_j[k as usize]));
+        let of_i_and_decoys: Vec<Point> = of_i.iter().copied().chain(counterparts).collect();
+        let mut keypoints = places.keypoints();
+        keypoints[link.i.0] = &of_i_and_decoys;
+        let decoys = (of_i.len() as u32..).zip(decoys);
+        link.matches = kept.into_iter().chain(decoys).collect();
         link.hypotheses = vec![Assessment { a_from_b: wrong, ..right }, right];
         pairs.retain(|p| !crossing(p));
         pairs.push(link);
@@ -247,7 +255,7 @@ fn a_trial_refutes_a_rival_with_more_matches_that_nothing_makes_fit() {
         };
         let a = (0..half).map(|k| (ScanId(k), places.world_from_scan[k])).collect();
         let b = (half..places.first).map(|k| (ScanId(k), bent(k) * places.world_from_scan[k])).collect();
-        let mut assembly = Assembly::of_groups(assessor, vec![a, b]);
+        let mut assembly = Assembly::of_groups(assessor, keypoints, vec![a, b]);
         assembly.add_pairs(pairs);
         let at_once = assembly.best_join(&Silent).unwrap().unwrap();
         assert!(at_once.probability() < 0.7, "{}", assembly.describe(&at_once));
@@ -272,7 +280,7 @@ fn all_trials_that_suffice_are_made_unless_they_share_a_component() {
             let scans = (0..places.first).filter(|&k| group(ScanId(k)) == g);
             scans.map(|k| (ScanId(k), places.world_from_scan[k])).collect()
         });
-        let mut assembly = Assembly::of_groups(assessor, groups.collect());
+        let mut assembly = Assembly::of_groups(assessor, places.keypoints(), groups.collect());
         // Two links that have nothing to do with each other: of groups 0 and 1, and of 2 and 3.
         pairs.retain(|p| group(p.i) / 2 == group(p.j) / 2);
         assembly.add_pairs(pairs);

@@ -62,12 +62,20 @@ enum Indices {
 }
 
 impl Indices {
-    fn new(nearest: Vec<u32>, points: usize) -> Self {
-        if points > usize::from(NOBODY_OF_FEW) {
-            return Self::Many(nearest);
+    /// Of nobody, in so many voxels of a map of so many points.
+    fn new(voxels: usize, points: usize) -> Self {
+        match points <= usize::from(NOBODY_OF_FEW) {
+            true => Self::Few(vec![NOBODY_OF_FEW; voxels]),
+            false => Self::Many(vec![NOBODY; voxels]),
         }
-        // NOBODY is cut to NOBODY_OF_FEW.
-        Self::Few(nearest.into_iter().map(|i| i as u16).collect())
+    }
+
+    #[inline]
+    fn set(&mut self, voxel: usize, index: u32) {
+        match self {
+            Self::Few(of) => of[voxel] = index as u16,
+            Self::Many(of) => of[voxel] = index,
+        }
     }
 
     #[inline]
@@ -77,14 +85,6 @@ impl Indices {
             Self::Many(of) => (of[voxel] != NOBODY).then_some(of[voxel] as usize),
         }
     }
-}
-
-/// Voxels of a map under construction, block by block.
-#[derive(Default)]
-struct Voxels {
-    nearest: Vec<u32>,
-    /// Squared distance of the nearest point from the voxel's centre, in voxels.
-    squared: Vec<f32>,
 }
 
 impl NearestMap {
@@ -100,16 +100,18 @@ impl NearestMap {
         let mut order: Vec<([i32; 3], u32)> =
             points.iter().zip(0..).map(|(p, i)| (map.voxel(p).map(|v| v.div_euclid(SIDE)), i)).collect();
         order.sort_unstable();
-        let mut voxels = Voxels::default();
-        for of_block in order.chunk_by(|one, other| one.0 == other.0) {
-            let block = of_block[0].0;
-            let around = map.blocks_around(block, &mut voxels);
-            for &(_, i) in of_block {
-                map.offer(i, &points[i as usize], block, &around, &mut voxels);
+        let of_blocks: Vec<_> = order.chunk_by(|one, other| one.0 == other.0).collect();
+        let around: Vec<[u32; 27]> = of_blocks.iter().map(|of| map.blocks_around(of[0].0)).collect();
+        map.blocks.shrink_to_fit();
+        // What stays is allocated at its full size before what goes.
+        let voxels = map.blocks.len() * BLOCK;
+        map.nearest = Indices::new(voxels, points.len());
+        let mut squared = vec![f32::INFINITY; voxels];
+        for (of_block, around) in of_blocks.iter().zip(&around) {
+            for &(block, i) in *of_block {
+                map.offer(i, &points[i as usize], block, around, &mut squared);
             }
         }
-        map.blocks.shrink_to_fit();
-        map.nearest = Indices::new(voxels.nearest, points.len());
         map
     }
 
@@ -120,24 +122,19 @@ impl NearestMap {
         [at.x.floor() as i32, at.y.floor() as i32, at.z.floor() as i32]
     }
 
-    /// Where the voxels of a block and its 26 neighbours start, which are made where missing.
-    fn blocks_around(&mut self, block: [i32; 3], voxels: &mut Voxels) -> [usize; 27] {
+    /// Numbers of a block and its 26 neighbours, which are numbered where they are new.
+    fn blocks_around(&mut self, block: [i32; 3]) -> [u32; 27] {
         std::array::from_fn(|n| {
             let n = n as i32;
             let at = [block[0] + n / 9 - 1, block[1] + n / 3 % 3 - 1, block[2] + n % 3 - 1];
-            let next = voxels.nearest.len();
-            let start = *self.blocks.entry(key(at)).or_insert(next as u32) as usize;
-            if start == next {
-                voxels.nearest.resize(next + BLOCK, NOBODY);
-                voxels.squared.resize(next + BLOCK, f32::INFINITY);
-            }
-            start
+            let next = self.blocks.len() as u32;
+            *self.blocks.entry(key(at)).or_insert(next)
         })
     }
 
     /// Offers a point to all voxels that places within the radius of it lie in; of equally near
     /// points a voxel keeps the first offered.
-    fn offer(&self, index: u32, p: &Point, block: [i32; 3], around: &[usize; 27], voxels: &mut Voxels) {
+    fn offer(&mut self, index: u32, p: &Point, block: [i32; 3], around: &[u32; 27], squared: &mut [f32]) {
         // In voxels from the corner of the blocks around, with centres at whole numbers.
         let corner = nalgebra::Vector3::from(block.map(|b| ((b - 1) * SIDE) as f32 + 0.5));
         let at = (p - self.origin) * self.per_metre - corner;
@@ -157,10 +154,11 @@ impl NearestMap {
                 let within = ((x % SIDE * SIDE + y % SIDE) * SIDE) as usize;
                 for z in span(2) {
                     let d = dy + (z as f32 - at.z).powi(2);
-                    let voxel = around[row + (z / SIDE) as usize] + within + (z % SIDE) as usize;
-                    if d < voxels.squared[voxel] && d <= limit {
-                        voxels.squared[voxel] = d;
-                        voxels.nearest[voxel] = index;
+                    let voxel =
+                        around[row + (z / SIDE) as usize] as usize * BLOCK + within + (z % SIDE) as usize;
+                    if d < squared[voxel] && d <= limit {
+                        squared[voxel] = d;
+                        self.nearest.set(voxel, index);
                     }
                 }
             }
@@ -174,9 +172,9 @@ impl NearestMap {
     pub fn near(&self, place: &Point) -> Option<usize> {
         let voxel = self.voxel(place);
         let block = voxel.map(|v| v.div_euclid(SIDE));
-        let start = *self.blocks.get(&key(block))?;
+        let start = *self.blocks.get(&key(block))? as usize * BLOCK;
         let within = voxel.map(|v| v.rem_euclid(SIDE));
-        self.nearest.get(start as usize + ((within[0] * SIDE + within[1]) * SIDE + within[2]) as usize)
+        self.nearest.get(start + ((within[0] * SIDE + within[1]) * SIDE + within[2]) as usize)
     }
 }
 

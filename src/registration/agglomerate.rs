@@ -51,13 +51,13 @@ pub(super) fn register(
     tracing::debug!("viewpoints are believed: {}", assessor.sight_trusted);
     pairs.iter_mut().for_each(|pair| pair.reassess(&assessor));
 
-    let mut assembly = Assembly::new(&assessor, &usable);
+    let keypoints = scans.iter().map(|s| s.features.keypoints.as_slice()).collect();
+    let mut assembly = Assembly::new(&assessor, keypoints, &usable);
     assembly.add_pairs(pairs);
     join_all(&mut assembly, config, monitor)?;
     if config.assembly.second_look {
         let unseen = assembly.unseen_pairs(similarity);
         assembly.add_pairs(pairwise.register(&unseen, &assessor, monitor)?);
-        drop(pairwise);
         join_all(&mut assembly, config, monitor)?;
     }
     assembly.refine_all(monitor)?;

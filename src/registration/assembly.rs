@@ -56,6 +56,8 @@ type ComponentId = usize;
 /// State of the registration.
 pub struct Assembly<'a> {
     assessor: &'a Assessor<'a>,
+    /// Keypoints of every scan, in its frame.
+    keypoints: Vec<&'a [Point]>,
     pairs: Vec<ScanPair>,
     components: BTreeMap<ComponentId, Component>,
     links: BTreeMap<(ComponentId, ComponentId), Link>,
@@ -87,8 +89,8 @@ impl Proposal {
 }
 
 impl<'a> Assembly<'a> {
-    /// Every scan a component of its own.
-    pub fn new(assessor: &'a Assessor<'a>, scans: &[ScanId]) -> Self {
+    /// Every one of `scans` a component of its own; `keypoints` are those of all scans of the assessor.
+    pub fn new(assessor: &'a Assessor<'a>, keypoints: Vec<&'a [Point]>, scans: &[ScanId]) -> Self {
         let alone = |&s: &ScanId| Component {
             members: vec![(s, RigidMotion::identity())],
             joins: Vec::new(),
@@ -98,6 +100,7 @@ impl<'a> Assembly<'a> {
         let next = scans.iter().map(|s| s.0 + 1).max().unwrap_or(0);
         Self {
             assessor,
+            keypoints,
             pairs: Vec::new(),
             components,
             links: BTreeMap::new(),
@@ -110,8 +113,12 @@ impl<'a> Assembly<'a> {
     }
 
     /// Components of scans at given poses, for measuring how evidence relates to truth.
-    pub fn of_groups(assessor: &'a Assessor<'a>, groups: Vec<Vec<(ScanId, RigidMotion)>>) -> Self {
-        let mut assembly = Self::new(assessor, &[]);
+    pub fn of_groups(
+        assessor: &'a Assessor<'a>,
+        keypoints: Vec<&'a [Point]>,
+        groups: Vec<Vec<(ScanId, RigidMotion)>>,
+    ) -> Self {
+        let mut assembly = Self::new(assessor, keypoints, &[]);
         for members in groups.into_iter().filter(|g| !g.is_empty()) {
             let refined_at = members.len();
             assembly.components.insert(assembly.next, Component { members, joins: Vec::new(), refined_at });
@@ -155,6 +162,12 @@ impl<'a> Assembly<'a> {
         members.iter().map(|&(s, pose)| Posed { model: &models[s.0], group_from_scan: pose }).collect()
     }
 
+    /// The two keypoints of every match of a pair, each in its scan's frame.
+    fn matched_keypoints(&self, pair: &ScanPair) -> (Vec<Point>, Vec<Point>) {
+        let (of_i, of_j) = (self.keypoints[pair.i.0], self.keypoints[pair.j.0]);
+        pair.matches.iter().map(|&(i, j)| (of_i[i as usize], of_j[j as usize])).unzip()
+    }
+
     /// Matches of pairs with one scan in either group, in the groups' frames: sources of `b`.
     fn matches_between(
         &self,
@@ -165,13 +178,13 @@ impl<'a> Assembly<'a> {
         let (mut source, mut target): (Vec<Point>, Vec<Point>) = (Vec::new(), Vec::new());
         for &p in pairs {
             let pair = &self.pairs[p];
-            let m = &pair.matches;
+            let (in_i, in_j) = self.matched_keypoints(pair);
             if let (Some(i), Some(j)) = (a.get(&pair.i), b.get(&pair.j)) {
-                source.extend(PointMover::new(j).points(&m.source));
-                target.extend(PointMover::new(i).points(&m.target));
+                source.extend(PointMover::new(j).points(&in_j));
+                target.extend(PointMover::new(i).points(&in_i));
             } else if let (Some(j), Some(i)) = (a.get(&pair.j), b.get(&pair.i)) {
-                source.extend(PointMover::new(i).points(&m.target));
-                target.extend(PointMover::new(j).points(&m.source));
+                source.extend(PointMover::new(i).points(&in_i));
+                target.extend(PointMover::new(j).points(&in_j));
             }
         }
         Correspondences::new(&source, &target)

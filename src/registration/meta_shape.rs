@@ -29,11 +29,11 @@ impl MetaShape {
     pub fn new(pivot: ScanId, features: &Features) -> Self {
         let mut meta = Self {
             dim: features.descriptors.dim(),
-            points: Vec::new(),
-            descriptors: Vec::new(),
-            origins: Vec::new(),
-            counts: Vec::new(),
-            changed: Vec::new(),
+            points: Vec::with_capacity(features.len()),
+            descriptors: Vec::with_capacity(features.descriptors.values().len()),
+            origins: Vec::with_capacity(features.len()),
+            counts: Vec::with_capacity(features.len()),
+            changed: Vec::with_capacity(features.len()),
             version: 1,
         };
         for k in 0..features.len() {

@@ -10,20 +10,10 @@ use super::meta_shape::MetaShape;
 use super::nearest::Columns;
 use super::surface_fit::Posed;
 use crate::error::Result;
-use crate::geometry::{Point, RigidMotion};
+use crate::geometry::RigidMotion;
 use crate::monitor::Monitor;
 use crate::scan::{ScanId, SimilarityMatrix};
 use rayon::prelude::*;
-
-/// Matched keypoints of two scans, each in its scan's frame. A large pile has tens of thousands of
-/// pairs, so that nothing is kept beside the points.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct MatchedPoints {
-    /// Keypoints of one scan, one a match.
-    pub source: Box<[Point]>,
-    /// Their counterparts in the other.
-    pub target: Box<[Point]>,
-}
 
 /// Everything known about the relative pose of two scans, i < j.
 #[derive(Debug, Clone)]
@@ -32,8 +22,9 @@ pub struct ScanPair {
     pub i: ScanId,
     /// The other one.
     pub j: ScanId,
-    /// Keypoints of j (sources) with their mutual matches in i (targets); none without a hypothesis.
-    pub matches: MatchedPoints,
+    /// Mutual matches, as `(keypoint of i, keypoint of j)`; none without a hypothesis. A large pile has
+    /// tens of thousands of pairs, so that nothing more is kept of them.
+    pub matches: Box<[(u32, u32)]>,
     /// Distinct hypotheses `i_from_j`, most probable first.
     pub hypotheses: Vec<Assessment>,
 }
@@ -73,14 +64,12 @@ pub fn most_similar_pairs(
 pub struct PairRegistration<'a> {
     scans: &'a [ScanInput<'a>],
     seed: u64,
-    columns: Vec<Columns>,
 }
 
 impl<'a> PairRegistration<'a> {
-    /// Prepares the descriptors for matching.
+    /// Registers pairs of these scans with random numbers of `seed`.
     pub fn new(scans: &'a [ScanInput<'a>], seed: u64) -> Self {
-        let columns = scans.par_iter().map(|s| Columns::new(&s.features.descriptors)).collect();
-        Self { scans, seed, columns }
+        Self { scans, seed }
     }
 
     /// Registers pairs, in their order, and weighs what is found.
@@ -110,7 +99,7 @@ impl<'a> PairRegistration<'a> {
 
     fn register_one(&self, i: ScanId, j: ScanId, assessor: &Assessor<'_>) -> ScanPair {
         let target = MetaShape::new(i, self.scans[i.0].features);
-        let mut nearest = NearestCache::new(self.columns[j.0].clone());
+        let mut nearest = NearestCache::new(Columns::new(&self.scans[j.0].features.descriptors));
         nearest.update(&target);
         let matches = nearest.mutual(&self.scans[j.0].features.keypoints, &target);
         let config = assessor.config;
@@ -123,10 +112,8 @@ impl<'a> PairRegistration<'a> {
             |s: ScanId| [Posed { model: &assessor.models[s.0], group_from_scan: RigidMotion::identity() }];
         let correspondences = Correspondences::new(&matches.source, &matches.target);
         let hypotheses = assessor.assess(&alone(i), &alone(j), &motions, &correspondences);
-        let matches = match hypotheses.is_empty() {
-            true => MatchedPoints::default(),
-            false => MatchedPoints { source: matches.source.into(), target: matches.target.into() },
-        };
+        let of_scans = matches.pairs.iter().map(|&(of_j, of_i)| (of_i, of_j));
+        let matches = if hypotheses.is_empty() { Box::default() } else { of_scans.collect() };
         ScanPair { i, j, matches, hypotheses }
     }
 }

@@ -3,13 +3,16 @@
 use crate::error::{Error, Result};
 use crate::geometry::Point;
 use crate::geometry::rigid::PointMover;
-use crate::geometry::voxel::VoxelGroups;
+use crate::geometry::voxel::{VoxelGroups, voxel_of};
 use crate::io::read_merged;
 use crate::scan::{PointCloud, Reconstruction, Scan};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Colour of points whose scan has none, where other scans do.
 const NO_COLOR: [u8; 3] = [128; 3];
+/// Points that are thinned at a time.
+const SLAB: usize = 4_000_000;
 
 /// A merged cloud.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -26,23 +29,70 @@ impl MergedCloud {
     /// Brings the scans of `component` into its frame and keeps one point a voxel of
     /// `voxel_m`: the mean of the points and colours that fall into it. Ordered by voxel.
     pub fn new(scans: &[Scan], reconstruction: &Reconstruction, component: usize, voxel_m: f32) -> Self {
-        let colored = scans.iter().any(|s| s.cloud.colors.is_some());
-        let mut all = Self { colors: colored.then(Vec::new), ..Self::default() };
-        for (scan, outcome) in scans.iter().zip(&reconstruction.outcomes) {
-            let Some(placement) = outcome.placement().filter(|p| p.component == component) else { continue };
-            let mover = PointMover::new(&placement.world_from_scan);
-            all.points.extend(scan.cloud.points.iter().map(|p| mover.point(p)));
-            all.scan.resize(all.points.len(), scan.id.0 as u32);
-            if let Some(colors) = &mut all.colors {
-                colors.extend(scan.cloud.colors.iter().flatten());
-                colors.resize(all.points.len(), NO_COLOR);
-            }
-        }
-        all.thinned(voxel_m)
+        Self::in_slabs(scans, reconstruction, component, voxel_m, SLAB)
     }
 
-    fn thinned(&self, voxel_m: f32) -> Self {
-        let mut thin = Self { colors: self.colors.as_ref().map(|_| Vec::new()), ..Self::default() };
+    /// The same, with at most so many points at a time (or a layer of voxels, if that has more): large
+    /// models have more points than should be held twice.
+    fn in_slabs(
+        scans: &[Scan],
+        reconstruction: &Reconstruction,
+        component: usize,
+        voxel_m: f32,
+        most: usize,
+    ) -> Self {
+        let placed: Vec<(&Scan, PointMover)> = scans
+            .iter()
+            .zip(&reconstruction.outcomes)
+            .filter_map(|(scan, outcome)| {
+                let placement = outcome.placement().filter(|p| p.component == component)?;
+                Some((scan, PointMover::new(&placement.world_from_scan)))
+            })
+            .collect();
+        let colored = scans.iter().any(|s| s.cloud.colors.is_some());
+        let empty = || Self { colors: colored.then(Vec::new), ..Self::default() };
+        // Layers of voxels along x come one after the other in the order of voxels.
+        let layer = |p: &Point| voxel_of(p, voxel_m)[0];
+        let mut points_in: BTreeMap<i32, usize> = BTreeMap::new();
+        let of_scan = |(scan, mover): &(&Scan, PointMover)| {
+            let mut layers = (i32::MAX, i32::MIN);
+            for p in &scan.cloud.points {
+                let x = layer(&mover.point(p));
+                *points_in.entry(x).or_default() += 1;
+                layers = (layers.0.min(x), layers.1.max(x));
+            }
+            layers
+        };
+        let layers_of: Vec<(i32, i32)> = placed.iter().map(of_scan).collect();
+        let mut thin = empty();
+        for (low, high) in slabs(&points_in, most) {
+            let mut slab = empty();
+            let reaching = placed.iter().zip(&layers_of).filter(|(_, l)| l.0 <= high && low <= l.1);
+            for ((scan, mover), _) in reaching {
+                slab.extend(scan, mover, |p| (low..=high).contains(&layer(p)));
+            }
+            slab.thin_into(voxel_m, &mut thin);
+        }
+        thin
+    }
+
+    /// Appends the chosen points of a scan.
+    fn extend(&mut self, scan: &Scan, mover: &PointMover, chosen: impl Fn(&Point) -> bool) {
+        for (i, p) in scan.cloud.points.iter().enumerate() {
+            let p = mover.point(p);
+            if !chosen(&p) {
+                continue;
+            }
+            self.points.push(p);
+            self.scan.push(scan.id.0 as u32);
+            if let Some(colors) = &mut self.colors {
+                colors.push(scan.cloud.colors.as_ref().map_or(NO_COLOR, |c| c[i]));
+            }
+        }
+    }
+
+    /// Appends one point a voxel, ordered by voxel.
+    fn thin_into(&self, voxel_m: f32, thin: &mut Self) {
         for group in VoxelGroups::new(&self.points, voxel_m).iter() {
             thin.points.push(Point::from(mean(group, |i| self.points[i].coords.into())));
             thin.scan.push(most_frequent(group.iter().map(|&i| self.scan[i as usize])));
@@ -50,8 +100,26 @@ impl MergedCloud {
                 out.push(mean(group, |i| colors[i].map(f32::from)).map(|v| v.round() as u8));
             }
         }
-        thin
     }
+}
+
+/// Consecutive layers, from first to last, with at most so many points together where one has not more.
+fn slabs(points_in: &BTreeMap<i32, usize>, most: usize) -> Vec<(i32, i32)> {
+    let mut slabs: Vec<(i32, i32)> = Vec::new();
+    let mut held = usize::MAX;
+    for (&layer, &points) in points_in {
+        match slabs.last_mut() {
+            Some(last) if held.saturating_add(points) <= most => {
+                last.1 = layer;
+                held += points;
+            }
+            _ => {
+                slabs.push((layer, layer));
+                held = points;
+            }
+        }
+    }
+    slabs
 }
 
 /// What the merged clouds of a result, `files[c]` of component `c`, still hold of each scan, in the
@@ -163,7 +231,12 @@ mod tests {
         ];
         let declined = Outcome::Declined(DeclineReason::TooFewKeypoints { keypoints: 0, needed: 3 });
         let outcomes = vec![placed(0.0, 0), placed(1.0, 0), placed(0.0, 0), placed(0.0, 1), declined];
-        let merged = MergedCloud::new(&scans, &Reconstruction { outcomes }, 0, 1.0);
+        let reconstruction = Reconstruction { outcomes };
+        let merged = MergedCloud::new(&scans, &reconstruction, 0, 1.0);
+        // However few points are thinned at a time.
+        for most in 1..8 {
+            assert_eq!(MergedCloud::in_slabs(&scans, &reconstruction, 0, 1.0, most), merged);
+        }
         // First voxel: (0.1 + 0.2 + 0.4)/3 and (10 + 40 + 40)/3; two of its three points are scan 1's.
         assert_eq!(merged.scan, [1, 1, 2]);
         assert!((merged.points[0] - Point::new(0.7 / 3.0, 0.1, 0.1)).norm() < 1e-6);

@@ -142,16 +142,16 @@ impl Assembly<'_> {
         const POINTS: usize = 40;
         /// Distance between a pair's points in radii, root mean square, beyond which it is wrong.
         const FAR: f64 = 15.0;
-        let m = &pair.matches;
+        let (in_i, in_j) = self.matched_keypoints(pair);
+        let all = Correspondences::new(&in_j, &in_i);
         let probable = pair.hypotheses.iter().filter(|h| h.probability() >= 0.5);
         let (apart, points, probability) = probable
             .take(if on_trial { usize::MAX } else { 1 })
             .map(|h| {
-                let all = Correspondences::new(&m.source, &m.target);
                 let inliers = all.inliers(&h.a_from_b, self.assessor.radius_m);
                 let step = inliers.len().div_ceil(POINTS).max(1);
                 let points: Vec<(Point, Point)> =
-                    inliers.iter().step_by(step).map(|&k| (m.target[k], m.source[k])).collect();
+                    inliers.iter().step_by(step).map(|&k| (in_i[k], in_j[k])).collect();
                 let apart =
                     |(p, q): &(Point, Point)| (p.cast::<f64>() - i_from_j * q.cast::<f64>()).norm_squared();
                 let mean = points.iter().map(apart).sum::<f64>() / points.len().max(1) as f64;
