@@ -6,10 +6,11 @@ use scanweave::geometry::{Point, RigidMotion};
 use scanweave::pipeline::{self, Described, FeatureSource, Stopwatch};
 use scanweave::registration::assembly::Assembly;
 use scanweave::registration::assessment::{Assessment, Assessor};
+use scanweave::registration::evidence;
 use scanweave::registration::incremental::ScanInput;
 use scanweave::registration::pairs::{PairRegistration, ScanPair, most_similar_pairs};
 use scanweave::registration::scan_model::ScanModel;
-use scanweave::scan::{Reconstruction, Scan, ScanId, SimilarityMatrix};
+use scanweave::scan::{Reconstruction, Scan, ScanId, SimilarityMatrix, Support};
 use scanweave::synthetic::{SynthConfig, generate};
 use scanweave::{Monitor, Silent};
 use std::sync::OnceLock;
@@ -290,5 +291,70 @@ fn all_trials_that_suffice_are_made_unless_they_share_a_component() {
         let mut sizes: Vec<usize> = assembly.finish().iter().map(|f| f.component.members.len()).collect();
         sizes.sort_unstable();
         assert_eq!(sizes, [places.first - 4, 4]);
+    });
+}
+
+#[test]
+fn a_pose_that_believed_viewpoints_contradict_is_left_undecided_whatever_matches_say() {
+    with_assembly(|assessor, pairs| {
+        let supports = pairs.iter().flat_map(|p| &p.hypotheses).map(|h| h.support);
+        let best = supports.max_by_key(|s| s.inliers).unwrap();
+        let seen_through = |violation: f64| Support { inliers: 5000, violation, ..best };
+        let weights = &assessor.config.evidence.weights;
+        let disbelieving = Assessor { sight_trusted: false, ..*assessor };
+        assert!(assessor.probability(&seen_through(0.12)) > 0.95);
+        // Matches make up for it by far: what holds it down is the limit alone.
+        assert!(evidence::probability(&seen_through(0.13), weights, true) > 0.95);
+        assert_eq!(assessor.probability(&seen_through(0.13)), 0.5);
+        assert!(disbelieving.probability(&seen_through(0.13)) > 0.95);
+    });
+}
+
+/// Joins scan 1 to scan 0 at a pose of which nobody doubts, where scan 2 was compared with scan 0
+/// only; the best support between 2 and the two, that between 2 and 0, and that between 2 and the two
+/// as measured anew.
+fn after_a_newcomer(
+    assessor: &Assessor<'_>,
+    pairs: &[ScanPair],
+    zero_from_one: RigidMotion,
+) -> [Option<Support>; 3] {
+    let places = two_places();
+    let pair = |i: usize, j: usize| {
+        let found = pairs.iter().find(|p| (p.i.0, p.j.0) == (i, j)).unwrap();
+        assert!(!found.hypotheses.is_empty(), "{i} and {j}");
+        found.clone()
+    };
+    let mut joining = pair(0, 1);
+    let support = Support { probability: Some(1.0), ..joining.hypotheses[0].support };
+    joining.hypotheses = vec![Assessment { a_from_b: zero_from_one, support }];
+    let other = pair(0, 2);
+    let alone = |k: usize| vec![(ScanId(k), RigidMotion::identity())];
+    let groups = [2, 0, 1].map(alone).to_vec();
+    let mut assembly = Assembly::of_groups(assessor, places.keypoints(), groups);
+    assembly.add_pairs(vec![joining, other.clone()]);
+    let join = assembly.best_join(&Silent).unwrap().unwrap();
+    assembly.join(&join);
+    let best = |assembly: &mut Assembly<'_>| {
+        let found = assembly.best_join(&Silent).unwrap();
+        found.map(|p| p.support())
+    };
+    let groups = vec![alone(2), vec![(ScanId(0), RigidMotion::identity()), (ScanId(1), zero_from_one)]];
+    let mut anew = Assembly::of_groups(assessor, places.keypoints(), groups);
+    anew.add_pairs(vec![other.clone()]);
+    [best(&mut assembly), Some(other.hypotheses[0].support), best(&mut anew)]
+}
+
+#[test]
+fn evidence_is_measured_again_where_a_newcomer_touches_it_and_kept_where_it_cannot() {
+    let places = two_places();
+    with_assembly(|assessor, pairs| {
+        let truth = places.world_from_scan[0].inverse() * places.world_from_scan[1];
+        let [known, alone, anew] = after_a_newcomer(assessor, &pairs, truth);
+        assert_eq!(known, anew);
+        assert_ne!(known, alone);
+        // Half a kilometre away nothing that the newcomer brings can touch scan 2.
+        let far = RigidMotion::translation(500.0, 0.0, 0.0);
+        let [known, alone, _] = after_a_newcomer(assessor, &pairs, far);
+        assert_eq!(known, alone);
     });
 }

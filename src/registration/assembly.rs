@@ -86,6 +86,11 @@ impl Proposal {
     pub fn probability(&self) -> f64 {
         self.assessment.probability()
     }
+
+    /// The evidence for it.
+    pub fn support(&self) -> Support {
+        self.assessment.support
+    }
 }
 
 impl<'a> Assembly<'a> {

@@ -65,14 +65,11 @@ impl Assessor<'_> {
         for proposal in proposals {
             let fitted = self.fit_matches(a, b, proposal, matches);
             let inliers = matches.count(&fitted, self.radius_m);
-            let worthwhile =
-                inliers * RIVAL >= most && (most == 0 || !self.is_hopeless(a, b, &fitted, matches, inliers));
+            let aligned = (inliers * RIVAL >= most)
+                .then(|| self.aligned(a, b, &fitted, matches, (inliers, most == 0)))
+                .flatten();
             most = most.max(inliers);
-            let motion = if worthwhile {
-                align(a, b, &fitted, self.config.evidence.align_rounds, self.align_stride(a, b))
-            } else {
-                fitted
-            };
+            let (motion, worthwhile) = (aligned.unwrap_or(fitted), aligned.is_some());
             let found = (motion, matches.inliers(&motion, self.radius_m), worthwhile);
             match distinct.iter_mut().find(|d| same_motion(&d.0, &motion, &centre, self.radius_m)) {
                 None => distinct.push(found),
@@ -97,24 +94,47 @@ impl Assessor<'_> {
         assessed
     }
 
-    /// Whether a glance at a few points of two scans shows that a proposal is not worth aligning.
-    fn is_hopeless(
+    /// A proposal aligned by the surfaces; `None` where a glance shows that it is not worth it, unless it
+    /// must be (`.1` of what is known, besides its inliers).
+    fn aligned(
         &self,
         a: &[Posed<'_>],
         b: &[Posed<'_>],
         proposal: &RigidMotion,
         matches: &Correspondences,
+        (inliers, must_be): (usize, bool),
+    ) -> Option<RigidMotion> {
+        /// Strides of a first alignment, between groups: so many times the usual one, and at most.
+        const COARSER: usize = 4;
+        const COARSEST: usize = 32;
+        let rounds = self.config.evidence.align_rounds;
+        let stride = self.align_stride(a, b);
+        let coarse = (COARSER * stride).min(COARSEST);
+        let of_groups = a.len() + b.len() > 2;
+        // Between groups a proposal may be off by more than what a glance measures it by.
+        let motion = if of_groups { align(a, b, proposal, rounds, coarse) } else { *proposal };
+        if !must_be && self.is_hopeless(a, b, &motion, matches, inliers) {
+            return None;
+        }
+        Some(if of_groups && coarse <= stride { motion } else { align(a, b, &motion, rounds, stride) })
+    }
+
+    /// Whether a glance at a few points shows that nothing is to be expected of a pose.
+    fn is_hopeless(
+        &self,
+        a: &[Posed<'_>],
+        b: &[Posed<'_>],
+        a_from_b: &RigidMotion,
+        matches: &Correspondences,
         inliers: usize,
     ) -> bool {
-        /// Probability, without any rival, below which nothing is expected of the alignment.
+        /// Probability, without any rival, below which nothing is expected.
         const HOPELESS: f64 = 1e-3;
         /// Every n-th of the points that the evidence is measured with.
         const STRIDE: usize = 8;
-        // Between groups the proposal may be off by more than what it is measured by.
-        if a.len() + b.len() > 2 {
-            return false;
-        }
-        let glance = self.support_of(&surface_fit(a, b, proposal, STRIDE), proposal, matches, (inliers, 0));
+        let stride = STRIDE * fit_stride(a, b);
+        let inliers = inliers.max(matches.count(a_from_b, self.radius_m));
+        let glance = self.support_of(&surface_fit(a, b, a_from_b, stride), a_from_b, matches, (inliers, 0));
         evidence::probability(&glance, &self.config.evidence.weights, self.sight_trusted) < HOPELESS
     }
 
@@ -188,7 +208,7 @@ impl Assessor<'_> {
         matches: &Correspondences,
         agreeing: (usize, usize),
     ) -> Assessment {
-        let fit = surface_fit(a, b, a_from_b, (a.len().min(b.len()) / 8).max(1));
+        let fit = surface_fit(a, b, a_from_b, fit_stride(a, b));
         let mut support = self.support_of(&fit, a_from_b, matches, agreeing);
         support.probability = Some(self.probability(&support));
         Assessment { a_from_b: *a_from_b, support }
@@ -220,6 +240,11 @@ impl Assessor<'_> {
     fn align_stride(&self, a: &[Posed<'_>], b: &[Posed<'_>]) -> usize {
         2 * a.len().min(b.len()).clamp(1, 16)
     }
+}
+
+/// Every n-th of the points of large groups that their evidence is measured with.
+fn fit_stride(a: &[Posed<'_>], b: &[Posed<'_>]) -> usize {
+    (a.len().min(b.len()) / 8).max(1)
 }
 
 /// Mean of the centres of a group's scans, in the group's frame.

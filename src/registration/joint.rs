@@ -426,6 +426,28 @@ mod tests {
     }
 
     #[test]
+    fn scans_with_many_partners_are_compared_by_a_share_of_their_points_that_stands_for_all() {
+        // A hub that overlaps twenty scans, which overlap it alone.
+        let hub: Vec<(usize, usize)> = (1..=20).map(|j| (0, j)).collect();
+        let mut expected = vec![1; 21];
+        expected[0] = 3;
+        assert_eq!(strides(&hub, 21), expected);
+        assert_eq!(strides(&[], 2), [1, 1]);
+
+        let moved = RigidMotion::new(Vector3::new(0.01, -0.02, 0.015), Vector3::new(0.004, 0.0, -0.006));
+        let surfaces = [corner(&RigidMotion::identity()), corner(&RigidMotion::identity())];
+        let models = surfaces.each_ref().map(model);
+        let poses = [RigidMotion::identity(), moved];
+        let scans = [0, 1].map(|k| JointScan { model: &models[k], world_from_scan: poses[k] });
+        let samples: Vec<Sample> = scans.iter().map(|s| Sample::new(s.model.surface, 1200)).collect();
+        let of = |strides: [usize; 2]| pair_term((0, 1), &samples, &scans, &poses, &strides, 0.07);
+        let (all, some) = (of([1, 1]), of([2, 5]));
+        let difference = (all.information - some.information).norm() / all.information.norm();
+        assert!(difference < 0.05, "{difference}");
+        assert!((all.weight - some.weight).abs() < 0.05 * all.weight);
+    }
+
+    #[test]
     fn disturbed_poses_return_to_the_exact_ones() {
         // Every scan sees the same corner; the exact poses give zero residual.
         let truth: Vec<RigidMotion> = (0..5)

@@ -246,3 +246,54 @@ impl Assembly<'_> {
         Support { runner_up: standing.unwrap_or(0).max(refuted), ..trial.support }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Direction, Point};
+    use crate::registration::assessment::Assessor;
+    use crate::registration::config::RegistrationConfig;
+    use crate::registration::scan_model::ScanModel;
+    use crate::scan::Surface;
+
+    #[test]
+    fn a_trial_moves_the_scans_nearest_to_the_other_side_and_the_two_that_link_them() {
+        let points = vec![Point::new(-0.1, 0.0, 0.0), Point::new(0.1, 0.0, 0.0)];
+        let surface = Surface { normals: vec![Direction::z(); 2], points, ..Surface::default() };
+        let config = RegistrationConfig::default();
+        let models: Vec<ScanModel<'_>> =
+            (0..101).map(|_| ScanModel::with_sizes(&surface, 0.07, 2, 0.14)).collect();
+        let assessor = Assessor { models: &models, config: &config, radius_m: 0.07, sight_trusted: false };
+        let assembly = Assembly::new(&assessor, vec![&[]; 101], &[]);
+        let component = |members: Vec<(ScanId, RigidMotion)>| Component {
+            refined_at: members.len(),
+            members,
+            joins: Vec::new(),
+        };
+        // A hundred scans in a row, a metre apart, in an order of their own; the other side stands at
+        // its far end.
+        let at = |k: usize| (ScanId(k), RigidMotion::translation(k as f64, 0.0, 0.0));
+        let row: Vec<(ScanId, RigidMotion)> = (0..100).map(|k| at((k * 37) % 100)).collect();
+        let other = component(vec![(ScanId(100), RigidMotion::identity())]);
+        let row_from_other = RigidMotion::translation(100.0, 0.0, 0.0);
+        let pair = |i: usize| ScanPair {
+            i: ScanId(i),
+            j: ScanId(100),
+            matches: Box::default(),
+            hypotheses: Vec::new(),
+        };
+        let near = |i: usize| -> Vec<usize> {
+            let near = assembly.vicinity(&component(row.clone()), &other, &row_from_other, &pair(i));
+            near.members.iter().map(|m| m.0.0).collect()
+        };
+        let of_row = |chosen: &dyn Fn(usize) -> bool| -> Vec<usize> {
+            row.iter().map(|m| m.0.0).filter(|&k| chosen(k)).collect()
+        };
+        assert_eq!(near(99), of_row(&|k| k >= 60));
+        // A linking scan at the other end takes the place of the furthest.
+        assert_eq!(near(3), of_row(&|k| k >= 61 || k == 3));
+        let few = component(row[..VICINITY].to_vec());
+        let all = assembly.vicinity(&few, &other, &row_from_other, &pair(99));
+        assert_eq!(all.members.len(), VICINITY);
+    }
+}

@@ -27,9 +27,12 @@ pub struct TrainConfig {
     pub steps: usize,
     /// Pairs in a step, half of them from each of two scenes.
     pub pairs_per_step: usize,
-    /// Learning rate, the same for every step: what a run of so many steps gives does not depend
-    /// on how many more were planned.
+    /// Learning rate, the same for every step but the last ones: what a run of so many steps gives
+    /// does not depend on how many more were planned.
     pub learning_rate: f64,
+    /// Steps at the end over which the learning rate falls evenly towards nothing; 0 for none.
+    #[serde(skip_serializing_if = "none")]
+    pub cooldown: usize,
     /// How much of the average of past parameters a step keeps; the average is what is validated
     /// and used (it does the work of a falling learning rate).
     pub average: f64,
@@ -71,6 +74,7 @@ impl Default for TrainConfig {
             steps: 4000,
             pairs_per_step: 96,
             learning_rate: 2e-3,
+            cooldown: 0,
             average: 0.98,
             weight_decay: 1e-5,
             epsilon: 1e-8,
@@ -88,7 +92,21 @@ impl Default for TrainConfig {
     }
 }
 
+/// As for `serde`: what is not used is not written.
+fn none(steps: &usize) -> bool {
+    *steps == 0
+}
+
 impl TrainConfig {
+    /// Learning rate of the step after `done` steps.
+    pub fn learning_rate_after(&self, done: usize) -> f64 {
+        let left = self.steps.saturating_sub(done);
+        match left < self.cooldown {
+            true => self.learning_rate * left as f64 / self.cooldown as f64,
+            false => self.learning_rate,
+        }
+    }
+
     /// The network's channels.
     pub fn architecture(&self) -> Architecture {
         Architecture {

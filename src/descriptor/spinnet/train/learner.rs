@@ -99,7 +99,7 @@ impl<'a> Learner<'a> {
     }
 
     fn descend(&self, state: &mut State, gradients: &[Vec<f32>]) {
-        let rate = self.config.learning_rate;
+        let rate = self.config.learning_rate_after(state.steps);
         let tensor = |v: &[f32]| Tensor::<1>::from_data(TensorData::from(v), &self.device);
         let mut moments = Vec::with_capacity(gradients.len());
         for (p, (parameter, gradient)) in state.parameters.iter_mut().zip(gradients).enumerate() {

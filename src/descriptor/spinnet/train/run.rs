@@ -157,7 +157,10 @@ impl<'a> Run<'a> {
             Error::file(&self.last, found, expected, remedy)
         };
         if settings_of(&meta.recipe) != settings_of(&self.recipe) {
-            return Err(refuse("a run with other settings".to_owned(), "the same settings, but for steps"));
+            return Err(refuse(
+                "a run with other settings".to_owned(),
+                "the same settings, but for steps and cooldown",
+            ));
         }
         if meta.recipe.get("data") != self.recipe.get("data") {
             return Err(refuse("a run on other patches".to_owned(), "the same data"));
@@ -246,7 +249,9 @@ impl<'a> Run<'a> {
 /// on beyond what was planned.
 fn settings_of(recipe: &serde_json::Value) -> Option<serde_json::Map<String, serde_json::Value>> {
     let mut settings = recipe.get("train")?.as_object()?.clone();
+    // A run is prolonged, or brought to its end, by these.
     settings.remove("steps");
+    settings.remove("cooldown");
     Some(settings)
 }
 

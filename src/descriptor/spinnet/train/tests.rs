@@ -1,5 +1,5 @@
 use super::batch::{Batch, picked};
-use super::learner::circle_loss;
+use super::learner::{Learner, State, circle_loss};
 use super::*;
 use crate::descriptor::spinnet::RADII;
 use crate::descriptor::spinnet::module::{MAP, Mode, values};
@@ -219,6 +219,26 @@ fn a_resumed_run_equals_one_that_never_stopped_and_the_loss_falls() {
     assert_eq!(train(&data, &longer, folders[1].path(), true, &Silent).unwrap().steps, 1);
     let less = PairData { valid: vec![], ..data.clone() };
     assert!(message(&config, &less, true).contains("other patches"));
+}
+
+#[test]
+fn the_learning_rate_falls_over_the_last_steps_alone() {
+    let config = TrainConfig { steps: 10, cooldown: 4, learning_rate: 1e-3, ..config() };
+    let rates: Vec<f64> = (0..10).map(|done| config.learning_rate_after(done) / 1e-3).collect();
+    assert_eq!(rates, [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.75, 0.5, 0.25]);
+    // The same step at a quarter of the rate moves every parameter a quarter as far (Adam scales with it).
+    let data = data(&config);
+    let start = State::new(&initial_weights(&config.architecture(), 5));
+    let batch = Batch::draw(&data.train, 0, &config);
+    let moved = |config: &TrainConfig| -> Vec<f32> {
+        let mut state = start.clone();
+        Learner::new(config).step(&mut state, &batch).unwrap();
+        let pairs = state.parameters.iter().flatten().zip(start.parameters.iter().flatten());
+        pairs.map(|(after, before)| after - before).collect()
+    };
+    let (whole, quarter) = (moved(&config), moved(&TrainConfig { steps: 1, ..config.clone() }));
+    assert!(whole.iter().zip(&quarter).all(|(w, q)| (w / 4.0 - q).abs() < 1e-6));
+    assert!(whole.iter().any(|w| w.abs() > 5e-4));
 }
 
 /// A run that dies before its state is written does the steps again: the log must not lack them.
