@@ -25,8 +25,11 @@ use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Pairs of components that are assessed at a time.
+/// Pairs of components that are assessed at a time: few among the most promising ones, of which one
+/// mostly suffices, and many among the rest, which then all have to be known.
 const BATCH: usize = 2;
+const PROMISING: usize = 16;
+const LATER_BATCH: usize = 16;
 
 /// A link that joined two components.
 #[derive(Debug, Clone, Copy)]
@@ -229,8 +232,12 @@ impl<'a> Assembly<'a> {
             self.links.iter().map(|(key, link)| (link.promise, *key)).collect();
         order.sort_unstable_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
         let mut best: Option<Proposal> = None;
-        for batch in order.chunks(BATCH) {
+        let mut rest = order.as_slice();
+        while !rest.is_empty() {
             monitor.check("registration")?;
+            let size = if order.len() - rest.len() < PROMISING { BATCH } else { LATER_BATCH };
+            let batch;
+            (batch, rest) = rest.split_at(size.min(rest.len()));
             let unknown: Vec<(ComponentId, ComponentId)> =
                 batch.iter().map(|b| b.1).filter(|key| self.links[key].assessed.is_none()).collect();
             let assessed: Vec<_> =

@@ -33,6 +33,9 @@ impl Assessment {
     }
 }
 
+/// Every n-th of the points that evidence is measured with is looked at in a glance.
+const GLANCE: usize = 8;
+
 /// Measures evidence with one set of models and settings.
 pub struct Assessor<'a> {
     /// The scans' surfaces, in the order of the scans.
@@ -59,8 +62,8 @@ impl Assessor<'_> {
         matches: &Correspondences,
     ) -> Vec<Assessment> {
         let centre = centre_of(b);
-        // Motion, inliers, and whether its evidence is worth measuring; the rest are rivals only.
-        let mut distinct: Vec<(RigidMotion, Vec<usize>, bool)> = Vec::new();
+        // Motion, inliers, and the stride that its evidence is measured with; the rest are rivals only.
+        let mut distinct: Vec<(RigidMotion, Vec<usize>, Option<usize>)> = Vec::new();
         let mut most = 0;
         for proposal in proposals {
             let fitted = self.fit_matches(a, b, proposal, matches);
@@ -69,24 +72,24 @@ impl Assessor<'_> {
                 .then(|| self.aligned(a, b, &fitted, matches, (inliers, most == 0)))
                 .flatten();
             most = most.max(inliers);
-            let (motion, worthwhile) = (aligned.unwrap_or(fitted), aligned.is_some());
-            let found = (motion, matches.inliers(&motion, self.radius_m), worthwhile);
+            let (motion, stride) = aligned.map_or((fitted, None), |(motion, stride)| (motion, Some(stride)));
+            let found = (motion, matches.inliers(&motion, self.radius_m), stride);
             match distinct.iter_mut().find(|d| same_motion(&d.0, &motion, &centre, self.radius_m)) {
                 None => distinct.push(found),
                 // One that was aligned stands for one that was not.
-                Some(other) if worthwhile && !other.2 => *other = found,
+                Some(other) if stride.is_some() && other.2.is_none() => *other = found,
                 Some(_) => {}
             }
         }
         distinct.sort_by_key(|d| std::cmp::Reverse(d.1.len()));
-        let considered = (0..distinct.len()).filter(|&h| distinct[h].2);
+        let considered = (0..distinct.len()).filter_map(|h| Some((h, distinct[h].2?)));
         let mut assessed: Vec<Assessment> = considered
             .take(if a.len().min(b.len()) > 1 { 2 } else { 1 } * self.config.evidence.hypotheses)
-            .map(|h| {
+            .map(|(h, stride)| {
                 let (a_from_b, inliers, _) = &distinct[h];
                 let others = distinct.iter().enumerate().filter(|o| o.0 != h).map(|o| o.1.1.as_slice());
                 let runner_up = self.runner_up(matches, a_from_b, others);
-                self.measure(a, b, a_from_b, matches, (inliers.len(), runner_up))
+                self.measure_strided(a, b, a_from_b, matches, (inliers.len(), runner_up), stride)
             })
             .collect();
         // A stable sort: what is equally probable keeps the order of inliers.
@@ -94,8 +97,9 @@ impl Assessor<'_> {
         assessed
     }
 
-    /// A proposal aligned by the surfaces; `None` where a glance shows that it is not worth it, unless it
-    /// must be (`.1` of what is known, besides its inliers).
+    /// A proposal aligned by the surfaces, and the stride to measure it with; `None` where a glance shows
+    /// that it is not worth it. If it must be measured (`.1` of what is known, besides its inliers) it is,
+    /// between groups no better than at a glance.
     fn aligned(
         &self,
         a: &[Posed<'_>],
@@ -103,7 +107,7 @@ impl Assessor<'_> {
         proposal: &RigidMotion,
         matches: &Correspondences,
         (inliers, must_be): (usize, bool),
-    ) -> Option<RigidMotion> {
+    ) -> Option<(RigidMotion, usize)> {
         /// Strides of a first alignment, between groups: so many times the usual one, and at most.
         const COARSER: usize = 4;
         const COARSEST: usize = 32;
@@ -113,10 +117,12 @@ impl Assessor<'_> {
         let of_groups = a.len() + b.len() > 2;
         // Between groups a proposal may be off by more than what a glance measures it by.
         let motion = if of_groups { align(a, b, proposal, rounds, coarse) } else { *proposal };
-        if !must_be && self.is_hopeless(a, b, &motion, matches, inliers) {
-            return None;
+        if (of_groups || !must_be) && self.is_hopeless(a, b, &motion, matches, inliers) {
+            return must_be.then_some((motion, GLANCE * fit_stride(a, b)));
         }
-        Some(if of_groups && coarse <= stride { motion } else { align(a, b, &motion, rounds, stride) })
+        let enough = of_groups && coarse <= stride;
+        let motion = if enough { motion } else { align(a, b, &motion, rounds, stride) };
+        Some((motion, fit_stride(a, b)))
     }
 
     /// Whether a glance at a few points shows that nothing is to be expected of a pose.
@@ -130,9 +136,7 @@ impl Assessor<'_> {
     ) -> bool {
         /// Probability, without any rival, below which nothing is expected.
         const HOPELESS: f64 = 1e-3;
-        /// Every n-th of the points that the evidence is measured with.
-        const STRIDE: usize = 8;
-        let stride = STRIDE * fit_stride(a, b);
+        let stride = GLANCE * fit_stride(a, b);
         let inliers = inliers.max(matches.count(a_from_b, self.radius_m));
         let glance = self.support_of(&surface_fit(a, b, a_from_b, stride), a_from_b, matches, (inliers, 0));
         evidence::probability(&glance, &self.config.evidence.weights, self.sight_trusted) < HOPELESS
@@ -208,7 +212,19 @@ impl Assessor<'_> {
         matches: &Correspondences,
         agreeing: (usize, usize),
     ) -> Assessment {
-        let fit = surface_fit(a, b, a_from_b, fit_stride(a, b));
+        self.measure_strided(a, b, a_from_b, matches, agreeing, fit_stride(a, b))
+    }
+
+    fn measure_strided(
+        &self,
+        a: &[Posed<'_>],
+        b: &[Posed<'_>],
+        a_from_b: &RigidMotion,
+        matches: &Correspondences,
+        agreeing: (usize, usize),
+        stride: usize,
+    ) -> Assessment {
+        let fit = surface_fit(a, b, a_from_b, stride);
         let mut support = self.support_of(&fit, a_from_b, matches, agreeing);
         support.probability = Some(self.probability(&support));
         Assessment { a_from_b: *a_from_b, support }

@@ -157,7 +157,7 @@ impl Assembly<'_> {
                 let key = (other.min(id), other.max(id));
                 if let ([(side, link)], Some((kept, newcomers)), true) = (&links[..], kept, other < id)
                     && *side == kept
-                    && !self.reach_any(newcomers, other, link)
+                    && (self.is_hopeless(link) || !self.reach_any(newcomers, other, link))
                 {
                     return (key, links.remove(0).1);
                 }
@@ -168,6 +168,14 @@ impl Assembly<'_> {
             })
             .collect();
         self.links.extend(made);
+    }
+
+    /// Whether nothing speaks for any proposal of a link, rivals apart: surfaces of a few more scans will
+    /// not change that, while further matches or refined poses might.
+    fn is_hopeless(&self, link: &Link) -> bool {
+        const HOPELESS: f64 = 1e-3;
+        let mut assessed = link.assessed.iter().flatten();
+        link.assessed.is_some() && assessed.all(|found| self.unrivalled(&found.0.support) < HOPELESS)
     }
 
     /// Whether scans come near those of the component `a` at any pose that a link proposes for it, in the

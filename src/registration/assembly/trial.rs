@@ -129,7 +129,7 @@ impl Assembly<'_> {
     }
 
     /// Probability if there were no rival.
-    fn unrivalled(&self, support: &Support) -> f64 {
+    pub(super) fn unrivalled(&self, support: &Support) -> f64 {
         self.probability(&Support { runner_up: 0, ..*support })
     }
 
