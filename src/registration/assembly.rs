@@ -30,6 +30,8 @@ use std::collections::{BTreeMap, BTreeSet};
 const BATCH: usize = 2;
 const PROMISING: usize = 16;
 const LATER_BATCH: usize = 16;
+/// Links of less promise are not looked at: none of their pairs of scans gives any proposal a chance.
+const HOPELESS: f64 = 1e-3;
 
 /// A link that joined two components.
 #[derive(Debug, Clone, Copy)]
@@ -222,14 +224,14 @@ impl<'a> Assembly<'a> {
         self.assess_all(key, link).into_iter().filter_map(origin).collect()
     }
 
-    /// The best-supported join: links are looked at in the order of their promise until one is
+    /// The best-supported join: links that pairs of scans see anything in are looked at in the order of their promise until one is
     /// certain enough; failing that, the most probable of all. `None` without any link.
     ///
     /// # Errors
     /// Only when the monitor is cancelled.
     pub fn best_join(&mut self, monitor: &dyn Monitor) -> Result<Option<Proposal>> {
         let mut order: Vec<(f64, (ComponentId, ComponentId))> =
-            self.links.iter().map(|(key, link)| (link.promise, *key)).collect();
+            self.links.iter().map(|(key, link)| (link.promise, *key)).filter(|l| l.0 >= HOPELESS).collect();
         order.sort_unstable_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
         let mut best: Option<Proposal> = None;
         let mut rest = order.as_slice();

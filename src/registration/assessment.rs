@@ -134,12 +134,14 @@ impl Assessor<'_> {
         matches: &Correspondences,
         inliers: usize,
     ) -> bool {
-        /// Probability, without any rival, below which nothing is expected.
-        const HOPELESS: f64 = 1e-3;
+        /// Probability, without any rival, below which nothing is expected of two scans, which are not
+        /// aligned yet, and of groups, which are.
+        const HOPELESS: [f64; 2] = [1e-3, 0.01];
         let stride = GLANCE * fit_stride(a, b);
         let inliers = inliers.max(matches.count(a_from_b, self.radius_m));
         let glance = self.support_of(&surface_fit(a, b, a_from_b, stride), a_from_b, matches, (inliers, 0));
-        evidence::probability(&glance, &self.config.evidence.weights, self.sight_trusted) < HOPELESS
+        let p = evidence::probability(&glance, &self.config.evidence.weights, self.sight_trusted);
+        evidence::among(p, self.models.len()) < HOPELESS[usize::from(a.len() + b.len() > 2)]
     }
 
     /// Between groups, the closed-form fit to the matches near a proposal, narrowing down: what two

@@ -2,6 +2,7 @@
 
 use super::super::assessment::Assessment;
 use super::super::estimate::same_motion;
+use super::trial::WORTH_TRYING;
 use super::{Assembly, Component, ComponentId};
 use crate::geometry::RigidMotion;
 use crate::scan::{ScanId, SimilarityMatrix};
@@ -13,7 +14,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Clusters of pairwise hypotheses of two components that are assessed.
 const CLUSTERS: usize = 8;
 /// Scans of other components that a scan is compared with in the second look.
-const LOOKED_AT: usize = 60;
+const LOOKED_AT: usize = 40;
 
 /// What is known about two components' relative pose.
 #[derive(Debug, Clone)]
@@ -170,12 +171,11 @@ impl Assembly<'_> {
         self.links.extend(made);
     }
 
-    /// Whether nothing speaks for any proposal of a link, rivals apart: surfaces of a few more scans will
-    /// not change that, while further matches or refined poses might.
+    /// Whether no proposal of a link is even worth a trial, rivals apart: surfaces of a few more scans
+    /// will not change that, while further matches or refined poses might.
     fn is_hopeless(&self, link: &Link) -> bool {
-        const HOPELESS: f64 = 1e-3;
         let mut assessed = link.assessed.iter().flatten();
-        link.assessed.is_some() && assessed.all(|found| self.unrivalled(&found.0.support) < HOPELESS)
+        link.assessed.is_some() && assessed.all(|found| self.unrivalled(&found.0.support) < WORTH_TRYING)
     }
 
     /// Whether scans come near those of the component `a` at any pose that a link proposes for it, in the
@@ -198,7 +198,7 @@ impl Assembly<'_> {
     }
 
     /// Pairs of scans of different components that were not registered yet: for every scan outside the
-    /// largest component the sixty most similar ones, so that their number does not grow with
+    /// largest component the forty most similar ones, so that their number does not grow with
     /// the square of that of the scans.
     pub fn unseen_pairs(&self, similarity: &SimilarityMatrix) -> Vec<(ScanId, ScanId)> {
         let seen: BTreeSet<(ScanId, ScanId)> = self.pairs.iter().map(|p| (p.i, p.j)).collect();

@@ -21,7 +21,7 @@ const TRIALS: usize = 10;
 /// Of them, proposals for the same two components.
 const TRIALS_PER_LINK: usize = 4;
 /// Probability, rivals apart, from which a proposal is tried.
-const WORTH_TRYING: f64 = 0.01;
+pub(super) const WORTH_TRYING: f64 = 0.01;
 /// Violation, where viewpoints are believed, that no trial makes good.
 const HOPELESS: f64 = 0.3;
 /// Probability, rivals apart, below which a trial has refuted a proposal.
