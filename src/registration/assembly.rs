@@ -224,8 +224,9 @@ impl<'a> Assembly<'a> {
         self.assess_all(key, link).into_iter().filter_map(origin).collect()
     }
 
-    /// The best-supported join: links that pairs of scans see anything in are looked at in the order of their promise until one is
-    /// certain enough; failing that, the most probable of all. `None` without any link.
+    /// The best-supported join: links that some pair of scans gives a chance are looked at in the order
+    /// of their promise until one is certain enough; failing that, the most probable of all. `None`
+    /// without any such link.
     ///
     /// # Errors
     /// Only when the monitor is cancelled.
