@@ -89,7 +89,7 @@ impl Assessor<'_> {
                 let (a_from_b, inliers, _) = &distinct[h];
                 let others = distinct.iter().enumerate().filter(|o| o.0 != h).map(|o| o.1.1.as_slice());
                 let runner_up = self.runner_up(matches, a_from_b, others);
-                self.measure_strided(a, b, a_from_b, matches, (inliers.len(), runner_up), stride)
+                self.measure(a, b, a_from_b, matches, (inliers.len(), runner_up), stride)
             })
             .collect();
         // A stable sort: what is equally probable keeps the order of inliers.
@@ -205,19 +205,8 @@ impl Assessor<'_> {
     }
 
     /// The evidence for one motion, which is not changed, with as many of the matches in agreement with
-    /// it and with the next best one.
+    /// it and with the next best one; every `stride`-th point is looked at, as [`fit_stride`] says.
     pub fn measure(
-        &self,
-        a: &[Posed<'_>],
-        b: &[Posed<'_>],
-        a_from_b: &RigidMotion,
-        matches: &Correspondences,
-        agreeing: (usize, usize),
-    ) -> Assessment {
-        self.measure_strided(a, b, a_from_b, matches, agreeing, fit_stride(a, b))
-    }
-
-    fn measure_strided(
         &self,
         a: &[Posed<'_>],
         b: &[Posed<'_>],
@@ -260,8 +249,8 @@ impl Assessor<'_> {
     }
 }
 
-/// Every n-th of the points of large groups that their evidence is measured with.
-fn fit_stride(a: &[Posed<'_>], b: &[Posed<'_>]) -> usize {
+/// Every n-th point is enough to measure the evidence between groups of this size.
+pub fn fit_stride(a: &[Posed<'_>], b: &[Posed<'_>]) -> usize {
     (a.len().min(b.len()) / 8).max(1)
 }
 

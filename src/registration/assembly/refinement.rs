@@ -142,9 +142,10 @@ impl Assembly<'_> {
         const POINTS: usize = 40;
         /// Distance between a pair's points in radii, root mean square, beyond which it is wrong.
         const FAR: f64 = 15.0;
+        let mut probable = pair.hypotheses.iter().filter(|h| h.probability() >= 0.5).peekable();
+        probable.peek()?;
         let (in_i, in_j) = self.matched_keypoints(pair);
         let all = Correspondences::new(&in_j, &in_i);
-        let probable = pair.hypotheses.iter().filter(|h| h.probability() >= 0.5);
         let (apart, points, probability) = probable
             .take(if on_trial { usize::MAX } else { 1 })
             .map(|h| {

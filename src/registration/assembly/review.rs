@@ -1,6 +1,6 @@
 //! A second look at placed scans with all that is known in the end.
 
-use super::super::assessment::{Assessment, RIVAL};
+use super::super::assessment::{Assessment, RIVAL, fit_stride};
 use super::super::estimate::same_motion;
 use super::trial::REFUTED_RIVAL;
 use super::{Assembly, Component, ComponentId};
@@ -85,7 +85,14 @@ impl Assembly<'_> {
         let runner_up = self.assessor.runner_up(&matches, &pose, there.iter().map(Vec::as_slice));
         let refuted = if self.tried_out.contains(&scan) { REFUTED_RIVAL } else { 1 };
         let runner_up = runner_up.div_ceil(refuted);
-        let current = self.assessor.measure(&group, &single, &pose, &matches, (here.len(), runner_up));
+        let current = self.assessor.measure(
+            &group,
+            &single,
+            &pose,
+            &matches,
+            (here.len(), runner_up),
+            fit_stride(&group, &single),
+        );
         // Against the present place an alternative has that as one more rival.
         let best = others
             .into_iter()

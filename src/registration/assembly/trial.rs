@@ -4,7 +4,7 @@
 //! well before its poses give way; and two places that look alike give more inliers than a narrow
 //! overlap does, until a trial shows that nothing can make them fit.
 
-use super::super::assessment::Assessment;
+use super::super::assessment::{Assessment, fit_stride};
 use super::super::config::JointConfig;
 use super::super::estimate::same_motion;
 use super::super::pairs::ScanPair;
@@ -191,7 +191,8 @@ impl Assembly<'_> {
         let stay = RigidMotion::identity();
         let inliers = matches.count(&stay, self.assessor.radius_m);
         let (a, b) = (self.posed(&a), self.posed(&b));
-        let support = self.assessor.measure(&a, &b, &stay, &matches, (inliers, 0)).support;
+        let support =
+            self.assessor.measure(&a, &b, &stay, &matches, (inliers, 0), fit_stride(&a, &b)).support;
         let whole = near_a.members.len() == ca.members.len() && near_b.members.len() == cb.members.len();
         Ok(Some(Trial { key, proposal, refined: joined, whole, junction: (i, j), a_from_b, centre, support }))
     }
