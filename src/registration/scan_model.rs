@@ -175,4 +175,28 @@ mod tests {
         assert_eq!(at(0.5, 3.0), None);
         assert!((model.centre - Point::new(3.0, -0.025, -0.025)).norm() < 1e-5);
     }
+
+    #[test]
+    fn slopes_are_made_once_however_many_tasks_ask_for_them_at_once() {
+        use rayon::prelude::*;
+        use std::sync::mpsc;
+        let mut wall = wall();
+        wall.shades = vec![0.5; wall.len()];
+        let (done, waiting) = mpsc::channel();
+        // Tasks that wait for each other never end: not joined, so that the test does.
+        std::thread::spawn(move || {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(8).build().unwrap();
+            for _ in 0..100 {
+                let model = ScanModel::with_sizes(&wall, 0.07, 100, 0.14);
+                let asked = |k: usize| {
+                    // Some threads are still busy with something else when the first asks.
+                    std::thread::sleep(std::time::Duration::from_micros(k as u64 * 137 % 1000));
+                    assert_eq!(model.slopes().len(), 6400);
+                };
+                pool.install(|| (0..200).into_par_iter().for_each(asked));
+            }
+            done.send(()).unwrap();
+        });
+        waiting.recv_timeout(std::time::Duration::from_secs(100)).expect("tasks do not wait for each other");
+    }
 }

@@ -12,7 +12,6 @@ use crate::geometry::neighbours::RadiusGrid;
 use crate::geometry::{Direction, Point};
 use crate::scan::Surface;
 use nalgebra::{Matrix2, Vector2};
-use rayon::prelude::*;
 
 /// Difference of shades beyond which two points do not show the same thing.
 const UNLIKE: f32 = 0.3;
@@ -66,9 +65,12 @@ pub(super) fn residuals(touches: &[Touch], model: &ScanModel<'_>) -> Vec<(Point,
 /// within `radius_m` that face the same way. Zero where a point has no normal or too few neighbours.
 ///
 /// The surface must know its shades.
+///
+/// On the calling thread alone: [`ScanModel::slopes`] lets other threads wait for the result. Were the
+/// work shared with them, one of them could take up, before it is done, a task that waits for it.
 pub(super) fn slopes(surface: &Surface, radius_m: f32) -> Vec<Direction> {
     let grid = RadiusGrid::new(&surface.points, radius_m);
-    (0..surface.len()).into_par_iter().map(|at| slope(surface, &grid, at).unwrap_or_default()).collect()
+    (0..surface.len()).map(|at| slope(surface, &grid, at).unwrap_or_default()).collect()
 }
 
 fn slope(surface: &Surface, grid: &RadiusGrid<'_>, at: usize) -> Option<Direction> {
