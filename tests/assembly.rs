@@ -358,3 +358,66 @@ fn evidence_is_measured_again_where_a_newcomer_touches_it_and_kept_where_it_cann
         assert_eq!(known, alone);
     });
 }
+
+/// Scans alone, of which nothing but pairs is known: `pairs` of two of them each.
+fn of_strangers<T>(scans: usize, pairs: Vec<ScanPair>, work: impl FnOnce(&mut Assembly<'_>) -> T) -> T {
+    let places = two_places();
+    let config = &places.config.registration;
+    let surface = &places.described.surfaces[0];
+    let models: Vec<ScanModel<'_>> = (0..scans).map(|_| ScanModel::new(surface, 0.07, config)).collect();
+    let assessor = Assessor { models: &models, config, radius_m: 0.07, sight_trusted: false };
+    let usable: Vec<ScanId> = (0..scans).map(ScanId).collect();
+    let mut assembly = Assembly::new(&assessor, vec![&[]; scans], &usable);
+    assembly.add_pairs(pairs);
+    work(&mut assembly)
+}
+
+#[test]
+fn a_second_look_is_at_the_most_similar_pairs_and_at_no_more_than_were_seen() {
+    const N: usize = 30;
+    let like = |i: usize, j: usize| ((i * j * 7919 + (i + j) * 104_729) % 100_003) as f32 / 100_003.0;
+    let similarity = SimilarityMatrix::new(N, (0..N * N).map(|k| like(k / N, k % N)).collect()).unwrap();
+    let stranger = |i: usize, j: usize| ScanPair {
+        i: ScanId(i),
+        j: ScanId(j),
+        matches: Box::default(),
+        hypotheses: Vec::new(),
+    };
+    let seen: Vec<(usize, usize)> = (1..N).flat_map(|j| [(0, j), (j - 1, j)]).skip(1).collect();
+    let pairs = || seen.iter().map(|&(i, j)| stranger(i, j)).collect();
+    let unseen = of_strangers(N, pairs(), |assembly| assembly.unseen_pairs(&similarity));
+    // By how many others that were not seen a scan is more like the one than like the other.
+    let rank = |i: usize, j: usize| {
+        let others = (0..N).filter(|&k| k != i && !seen.contains(&(i.min(k), i.max(k))));
+        others.filter(|&k| like(i, k) > like(i, j)).count()
+    };
+    let of_rank = |most: usize| {
+        let all = (0..N).flat_map(|i| (i + 1..N).map(move |j| (i, j))).filter(|p| !seen.contains(p));
+        // The first scan is the largest component's, for want of a larger one: it does not choose.
+        all.filter(|&(i, j)| (i > 0 && rank(i, j) < most) || rank(j, i) < most).collect::<Vec<_>>()
+    };
+    let most = (0..N).rev().find(|&most| of_rank(most).len() <= seen.len()).unwrap();
+    assert!(most > 0);
+    let expected: Vec<(ScanId, ScanId)> =
+        of_rank(most).into_iter().map(|(i, j)| (ScanId(i), ScanId(j))).collect();
+    assert_eq!(unseen, expected);
+}
+
+#[test]
+fn what_no_pair_gives_a_chance_is_not_offered() {
+    let places = two_places();
+    with_assembly(|_, pairs| {
+        let most = |p: &&ScanPair| p.hypotheses.first().map_or(0, |h| h.support.inliers);
+        let pair = pairs.iter().max_by_key(most).unwrap();
+        let offered = |probability: f64| {
+            let support = Support { probability: Some(probability), ..pair.hypotheses[0].support };
+            let hypotheses = vec![Assessment { support, ..pair.hypotheses[0] }];
+            let doubtful = ScanPair { hypotheses, ..pair.clone() };
+            of_strangers(places.first, vec![doubtful], |assembly| {
+                assembly.best_join(&Silent).unwrap().map(|p| p.probability())
+            })
+        };
+        assert_eq!(offered(0.002), Some(0.002));
+        assert_eq!(offered(0.0005), None);
+    });
+}

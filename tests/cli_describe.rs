@@ -86,6 +86,37 @@ fn every_scan_gets_a_file_of_unit_descriptors_and_a_poor_one_is_named() {
 }
 
 #[test]
+fn learned_values_and_histograms_stand_side_by_side() {
+    let place = folder();
+    let set = scans(place.path());
+    let learned = learned(&network(&place.path().join("w.safetensors"), 1));
+    let of = |kind: &str, checkpoint: &[String]| {
+        let out = place.path().join(kind);
+        let kind = format!("descriptor.kind={kind}");
+        let mut all = vec!["--set", kind.as_str()];
+        all.extend(checkpoint.iter().map(String::as_str));
+        describe(&set, &out, &all).assert().success();
+        assert_eq!(array(&out.join("few.npz"), "keypoints").dim(), (0, 3));
+        (array(&out.join("a.npz"), "keypoints"), array(&out.join("a.npz"), "descriptors"))
+    };
+    let (keypoints, both) = of("mini-spin-net-fpfh", &learned[2..]);
+    let (of_network, network) = of("mini-spin-net", &learned[2..]);
+    let (of_histograms, histograms) = of("fpfh", &[]);
+    assert_eq!((&keypoints, &keypoints), (&of_network, &of_histograms));
+    assert_eq!(both.dim(), (300, 65));
+    // Of unit length together, the histograms 2.3 times as long.
+    let unit = (1.0f32 + 2.3 * 2.3).sqrt();
+    for (row, (l, h)) in both.outer_iter().zip(network.outer_iter().zip(histograms.outer_iter())) {
+        let expected = l.iter().map(|v| v / unit).chain(h.iter().map(|v| 2.3 * v / unit));
+        assert!(row.iter().zip(expected).all(|(x, y)| (x - y).abs() < 1e-6));
+    }
+    let kind = ["--set", "descriptor.kind=mini-spin-net-fpfh", "--force"];
+    let out = place.path().join("fpfh");
+    let refused = describe(&set, &out, &kind).assert().code(4);
+    refused.stderr(contains("one for the descriptor mini-spin-net-fpfh"));
+}
+
+#[test]
 fn described_features_register_as_computed_ones_do() {
     let place = folder();
     let (set, out) = (scans(place.path()), place.path().join("out"));

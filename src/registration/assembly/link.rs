@@ -198,8 +198,8 @@ impl Assembly<'_> {
     }
 
     /// Pairs of scans of different components that were not registered yet: for every scan outside the
-    /// largest component the forty most similar ones, so that their number does not grow with
-    /// the square of that of the scans.
+    /// largest component up to forty of the most similar ones, all scans as many, so that there are no
+    /// more of these pairs than were registered before.
     pub fn unseen_pairs(&self, similarity: &SimilarityMatrix) -> Vec<(ScanId, ScanId)> {
         let seen: BTreeSet<(ScanId, ScanId)> = self.pairs.iter().map(|p| (p.i, p.j)).collect();
         let ordered = |i: ScanId, j: ScanId| (i.min(j), i.max(j));
@@ -207,20 +207,21 @@ impl Assembly<'_> {
             self.components.iter().flat_map(|(&id, c)| c.members.iter().map(move |m| (m.0, id))).collect();
         let largest = self.components.iter().max_by_key(|(id, c)| (c.members.len(), Reverse(**id)));
         let largest = largest.map(|(&id, _)| id);
-        let mut unseen: Vec<(ScanId, ScanId)> = home
-            .iter()
-            .filter(|&(_, &of_i)| Some(of_i) != largest)
-            .flat_map(|(&i, &of_i)| {
-                let others = home.iter().filter(|&(_, &of_j)| of_j != of_i).map(|(&j, _)| j);
-                let mut others: Vec<ScanId> = others.filter(|&j| !seen.contains(&ordered(i, j))).collect();
-                let like = |j: &ScanId| similarity.get(i.0, j.0);
-                others.sort_by(|a, b| like(b).total_cmp(&like(a)).then(a.cmp(b)));
-                others.truncate(LOOKED_AT);
-                others.into_iter().map(move |j| ordered(i, j))
-            })
-            .collect();
-        unseen.sort_unstable();
-        unseen.dedup();
-        unseen
+        // Every pair with the better of its ranks among those of its two scans.
+        let mut rank: BTreeMap<(ScanId, ScanId), usize> = BTreeMap::new();
+        for (&i, &of_i) in home.iter().filter(|&(_, &of_i)| Some(of_i) != largest) {
+            let others = home.iter().filter(|&(_, &of_j)| of_j != of_i).map(|(&j, _)| j);
+            let mut others: Vec<ScanId> = others.filter(|&j| !seen.contains(&ordered(i, j))).collect();
+            let like = |j: &ScanId| similarity.get(i.0, j.0);
+            others.sort_by(|a, b| like(b).total_cmp(&like(a)).then(a.cmp(b)));
+            for (r, j) in others.into_iter().take(LOOKED_AT).enumerate() {
+                rank.entry(ordered(i, j)).and_modify(|known| *known = r.min(*known)).or_insert(r);
+            }
+        }
+        let mut ranks: Vec<usize> = rank.values().copied().collect();
+        ranks.sort_unstable();
+        // Where a rank does not fit as a whole it is left out, and all after it.
+        let first_left_out = ranks.get(self.pairs.len()).copied().unwrap_or(LOOKED_AT);
+        rank.into_iter().filter(|r| r.1 < first_left_out).map(|r| r.0).collect()
     }
 }
