@@ -30,8 +30,10 @@ use std::collections::{BTreeMap, BTreeSet};
 const BATCH: usize = 2;
 const PROMISING: usize = 16;
 const LATER_BATCH: usize = 16;
-/// Links of less promise are not looked at: none of their pairs of scans gives any proposal a chance.
-const HOPELESS: f64 = 1e-3;
+/// Links of less promise than one of these are looked at only when none of more is certain enough to be
+/// joined by, and those of less than the last not at all: none of their pairs of scans gives any
+/// proposal a chance.
+const PROMISES: [f64; 3] = [1.0, 0.1, 1e-3];
 
 /// A link that joined two components.
 #[derive(Debug, Clone, Copy)]
@@ -225,42 +227,56 @@ impl<'a> Assembly<'a> {
     }
 
     /// The best-supported join: links that some pair of scans gives a chance are looked at in the order
-    /// of their promise until one is certain enough; failing that, the most probable of all. `None`
-    /// without any such link.
+    /// of their promise until one is as good as certain; failing that, the most probable of the first
+    /// [`PROMISES`] that give one which may be made, or of all. `None` without any such link.
     ///
     /// # Errors
     /// Only when the monitor is cancelled.
     pub fn best_join(&mut self, monitor: &dyn Monitor) -> Result<Option<Proposal>> {
         let mut order: Vec<(f64, (ComponentId, ComponentId))> =
-            self.links.iter().map(|(key, link)| (link.promise, *key)).filter(|l| l.0 >= HOPELESS).collect();
+            self.links.iter().map(|(key, link)| (link.promise, *key)).collect();
         order.sort_unstable_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
         let mut best: Option<Proposal> = None;
-        let mut rest = order.as_slice();
-        while !rest.is_empty() {
-            monitor.check("registration")?;
-            let size = if order.len() - rest.len() < PROMISING { BATCH } else { LATER_BATCH };
-            let batch;
-            (batch, rest) = rest.split_at(size.min(rest.len()));
-            let unknown: Vec<(ComponentId, ComponentId)> =
-                batch.iter().map(|b| b.1).filter(|key| self.links[key].assessed.is_none()).collect();
-            let assessed: Vec<_> =
-                unknown.par_iter().map(|key| self.assess(*key, &self.links[key])).collect();
-            for (key, found) in unknown.into_iter().zip(assessed) {
-                self.links.entry(key).and_modify(|link| link.assessed = Some(found));
-            }
-            for &(_, (a, b)) in batch {
-                let link = &self.links[&(a, b)];
-                let Some((assessment, pair)) = link.best() else { continue };
-                let proposal = Proposal { a, b, assessment, pair };
-                if best.is_none_or(|old| proposal.probability() > old.probability()) {
-                    best = Some(proposal);
+        let mut looked_at = 0;
+        for promise in PROMISES {
+            let of_promise = order.partition_point(|l| l.0 >= promise);
+            while looked_at < of_promise {
+                monitor.check("registration")?;
+                let size = if looked_at < PROMISING { BATCH } else { LATER_BATCH };
+                let batch = &order[looked_at..of_promise.min(looked_at + size)];
+                looked_at += batch.len();
+                let keys: Vec<_> = batch.iter().map(|b| b.1).collect();
+                let found = self.most_probable(&keys);
+                if found.is_some_and(|f| best.is_none_or(|old| f.probability() > old.probability())) {
+                    best = found;
+                }
+                if best.is_some_and(|p| p.probability() >= self.config().evidence.confident) {
+                    return Ok(best);
                 }
             }
-            if best.is_some_and(|p| p.probability() >= self.config().evidence.confident) {
+            if best.is_some_and(|p| p.probability() >= self.config().evidence.accept) {
                 break;
             }
         }
         Ok(best)
+    }
+
+    /// The most probable proposal of some links, whose evidence is measured where it is not known; of
+    /// equally probable ones the first.
+    fn most_probable(&mut self, keys: &[(ComponentId, ComponentId)]) -> Option<Proposal> {
+        let unknown: Vec<(ComponentId, ComponentId)> =
+            keys.iter().copied().filter(|key| self.links[key].assessed.is_none()).collect();
+        let assessed: Vec<_> = unknown.par_iter().map(|key| self.assess(*key, &self.links[key])).collect();
+        for (key, found) in unknown.into_iter().zip(assessed) {
+            self.links.entry(key).and_modify(|link| link.assessed = Some(found));
+        }
+        let proposal = |&(a, b): &(ComponentId, ComponentId)| {
+            let (assessment, pair) = self.links[&(a, b)].best()?;
+            Some(Proposal { a, b, assessment, pair })
+        };
+        keys.iter()
+            .filter_map(proposal)
+            .reduce(|best, next| if next.probability() > best.probability() { next } else { best })
     }
 
     /// A join in words, for the log.

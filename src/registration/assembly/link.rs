@@ -158,17 +158,57 @@ impl Assembly<'_> {
                 let key = (other.min(id), other.max(id));
                 if let ([(side, link)], Some((kept, newcomers)), true) = (&links[..], kept, other < id)
                     && *side == kept
-                    && (self.is_hopeless(link) || !self.reach_any(newcomers, other, link))
+                    && self.stands(link, newcomers, other)
                 {
                     return (key, links.remove(0).1);
                 }
-                let tried = gone == [id] && links.iter().all(|l| l.1.tried);
                 let mut pairs: Vec<usize> = links.into_iter().flat_map(|l| l.1.pairs).collect();
                 pairs.sort_unstable();
-                (key, Link { tried, ..self.link(key, pairs) })
+                (key, self.link(key, pairs))
             })
             .collect();
         self.links.extend(made);
+    }
+
+    /// Measures links of a component anew where scans of it, given with their former and their new poses,
+    /// have something to say to them; a trial that failed is not repeated for that.
+    pub(super) fn renew_links(&mut self, id: ComponentId, changed: &[(ScanId, RigidMotion)]) {
+        let touched = self.touched_links(id, changed);
+        let renewed: Vec<((ComponentId, ComponentId), Link)> = touched
+            .into_par_iter()
+            .map(|key| {
+                let Link { pairs, tried, .. } = &self.links[&key];
+                (key, Link { tried: *tried, ..self.link(key, pairs.clone()) })
+            })
+            .collect();
+        self.links.extend(renewed);
+    }
+
+    /// Links of a component that scans of it, given with their poses in its frame, have something to say
+    /// to: by matches of theirs, or by surfaces where these count.
+    pub(super) fn touched_links(
+        &self,
+        id: ComponentId,
+        changed: &[(ScanId, RigidMotion)],
+    ) -> Vec<(ComponentId, ComponentId)> {
+        let scans: BTreeSet<ScanId> = changed.iter().map(|c| c.0).collect();
+        let links: Vec<_> = self.links.iter().filter(|(key, _)| key.0 == id || key.1 == id).collect();
+        let touched = links.into_par_iter().filter(|&(&(a, b), link)| {
+            let speaks = |&p: &usize| scans.contains(&self.pairs[p].i) || scans.contains(&self.pairs[p].j);
+            link.pairs.iter().any(speaks)
+                || !if b == id {
+                    self.stands(link, changed, a)
+                } else {
+                    self.stands(&link.clone().turned(), changed, b)
+                }
+        });
+        touched.map(|(key, _)| *key).collect()
+    }
+
+    /// Whether what is known of a link stands although surfaces of its second component come, go or move:
+    /// `scans`, without matches for it, at poses in that component's frame. `first` is the other one.
+    fn stands(&self, link: &Link, scans: &[(ScanId, RigidMotion)], first: ComponentId) -> bool {
+        self.is_hopeless(link) || !self.reach_any(scans, first, link)
     }
 
     /// Whether no proposal of a link is even worth a trial, rivals apart: surfaces of a few more scans

@@ -69,13 +69,31 @@ impl Assembly<'_> {
 
     fn refine(&mut self, id: ComponentId, config: &JointConfig, monitor: &dyn Monitor) -> Result<()> {
         let Some(component) = self.components.get(&id) else { return Ok(()) };
+        let before = component.members.clone();
         let mut component = component.clone();
         self.refine_component(&mut component, &BTreeSet::new(), config, monitor)?;
+        let moved = self.moved(&before, &component.members);
         self.components.insert(id, component);
         self.reviewed.remove(&id);
-        // Relative poses changed: what pairs say of links did too.
-        self.replace_links(&[id], id, None);
+        self.renew_links(id, &moved);
         Ok(())
+    }
+
+    /// Members that moved so far that it matters to evidence, at either pose.
+    fn moved(
+        &self,
+        before: &[(ScanId, RigidMotion)],
+        after: &[(ScanId, RigidMotion)],
+    ) -> Vec<(ScanId, RigidMotion)> {
+        /// A shift of this many radii does not.
+        const UNFELT: f64 = 0.1;
+        let far = |&(old, new): &(&(ScanId, RigidMotion), &(ScanId, RigidMotion))| {
+            let model = &self.assessor.models[old.0.0];
+            let centre = model.centre.cast::<f64>();
+            let turned = old.1.rotation.angle_to(&new.1.rotation) * f64::from(model.reach_m);
+            (old.1 * centre - new.1 * centre).norm() + turned > UNFELT * self.assessor.radius_m
+        };
+        before.iter().zip(after).filter(far).flat_map(|(old, new)| [*old, *new]).collect()
     }
 
     /// Refines the poses of a component, of which `newcomers` stand where a trial puts them.

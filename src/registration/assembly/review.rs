@@ -124,6 +124,7 @@ impl Assembly<'_> {
             let places: Vec<(Assessment, Option<Assessment>)> =
                 (0..component.members.len()).into_par_iter().map(|m| self.place_of(component, m)).collect();
             let (mut out, before) = (Vec::new(), changed);
+            let former = component.members.clone();
             let mut component = component.clone();
             for (member, (current, elsewhere)) in component.members.iter_mut().zip(&places) {
                 let better = elsewhere.filter(|e| {
@@ -149,9 +150,17 @@ impl Assembly<'_> {
                 self.reviewed.insert(id, places.into_iter().map(|p| p.0.support).collect());
                 continue;
             }
+            let moved = |(old, new): (&(ScanId, RigidMotion), &(ScanId, RigidMotion))| {
+                if old.1 == new.1 { Vec::new() } else { vec![*old, *new] }
+            };
+            let taken_out = former.iter().filter(|m| out.contains(&m.0)).copied();
+            let changes: Vec<(ScanId, RigidMotion)> =
+                former.iter().zip(&component.members).flat_map(moved).chain(taken_out).collect();
+            for key in self.touched_links(id, &changes) {
+                self.links.remove(&key);
+            }
             component.members.retain(|m| !out.contains(&m.0));
             self.components.insert(id, component);
-            self.links.retain(|key, _| key.0 != id && key.1 != id);
             self.settled.remove(&id);
             self.taken_out.extend(&out);
             for scan in out {

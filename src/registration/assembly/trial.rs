@@ -14,6 +14,7 @@ use crate::geometry::RigidMotion;
 use crate::monitor::Monitor;
 use crate::scan::{ScanId, Support};
 use nalgebra::Point3;
+use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Proposals that are tried at a time.
@@ -71,15 +72,16 @@ impl Assembly<'_> {
     /// # Errors
     /// Only when the monitor is cancelled.
     pub fn join_by_trial(&mut self, monitor: &dyn Monitor) -> Result<bool> {
-        let mut trials: Vec<Trial> = Vec::new();
         let coarse = self.coarse();
         let worth = self.worth_trying();
-        for &(key, assessment, pair) in &worth {
-            let proposal = Proposal { a: key.0, b: key.1, assessment, pair };
-            if let Some(trial) = self.try_out(key, proposal, &coarse, monitor)? {
-                tracing::debug!("trial {}: then {:?}", self.describe(&proposal), trial.support);
-                trials.push(trial);
-            }
+        let proposals =
+            worth.iter().map(|&(key, assessment, pair)| Proposal { a: key.0, b: key.1, assessment, pair });
+        let proposals: Vec<Proposal> = proposals.collect();
+        let trials: Result<Vec<Option<Trial>>> =
+            proposals.par_iter().map(|proposal| self.try_out(*proposal, &coarse, monitor)).collect();
+        let trials: Vec<Trial> = trials?.into_iter().flatten().collect();
+        for trial in &trials {
+            tracing::debug!("trial {}: then {:?}", self.describe(&trial.proposal), trial.support);
         }
         let mut sufficient: Vec<(usize, Support)> = (0..trials.len())
             .map(|at| (at, self.judged(&trials, at)))
@@ -161,11 +163,11 @@ impl Assembly<'_> {
     /// Makes a join on the side, refines the poses around it, and measures how the two sides then sit.
     fn try_out(
         &self,
-        key: (ComponentId, ComponentId),
         proposal: Proposal,
         coarse: &JointConfig,
         monitor: &dyn Monitor,
     ) -> Result<Option<Trial>> {
+        let key = (proposal.a, proposal.b);
         let (ca, cb) = (&self.components[&key.0], &self.components[&key.1]);
         let pair = &self.pairs[proposal.pair];
         let a_from_b = proposal.assessment.a_from_b;
