@@ -34,7 +34,7 @@ impl DescriptorKind {
 
 /// Length of the histograms beside a learned descriptor of length 1. It makes up for histograms being
 /// alike: at this length two unrelated keypoints are as far apart in either part, root mean square
-/// (`matching_quality` prints these distances: 1.38 and 0.60 on five scenes of 3DMatch).
+/// (`matching_quality` prints these distances: 1.4 and 0.6 on five scenes of 3DMatch).
 const FPFH_LENGTH: f32 = 2.3;
 
 /// Which points the patches of a learned descriptor are made of.
