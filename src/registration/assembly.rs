@@ -227,8 +227,8 @@ impl<'a> Assembly<'a> {
     }
 
     /// The best-supported join: links that some pair of scans gives a chance are looked at in the order
-    /// of their promise until one is as good as certain; failing that, the most probable of the first
-    /// [`PROMISES`] that give one which may be made, or of all. `None` without any such link.
+    /// of their promise until one is as good as certain; failing that, the most probable of the more
+    /// promising ones if it may be made, or else of all. `None` without any such link.
     ///
     /// # Errors
     /// Only when the monitor is cancelled.
