@@ -16,8 +16,8 @@
 //! ratio (IR) is the share of them within 0.1 m under the true pose, the feature-matching recall
 //! (FMR) the share of pairs whose ratio exceeds 5 %, the pairwise recall (RR) the share of pairs
 //! whose robust estimate with the default settings has an RMSE of at most 0.2 m. Means over the
-//! pairs of all scenes found; last, the root mean square distance of unrelated descriptors. Expects `3dmatch/<scene>/PointCloud/cloud_bin_<i>.ply` and
-//! `benchmarks/{3DMatch,3DLoMatch}/<scene>/gt.{log,info}` below the data folder.
+//! pairs of all scenes found; last, the root mean square distance of unrelated descriptors. Expects
+//! `3dmatch/<scene>/PointCloud/cloud_bin_<i>.ply` and `benchmarks/{3DMatch,3DLoMatch}/<scene>/gt.{log,info}` below the data folder.
 
 use anyhow::{Context, Result};
 use clap::Parser;

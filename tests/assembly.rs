@@ -421,3 +421,31 @@ fn what_no_pair_gives_a_chance_is_not_offered() {
         assert_eq!(offered(0.0005), None);
     });
 }
+
+#[test]
+fn evidence_is_measured_again_where_a_refinement_moved_scans() {
+    let places = two_places();
+    with_assembly(|assessor, pairs| {
+        // The last scan alone; the others slightly bent, until they are refined.
+        let last = places.first - 1;
+        let bent = |k: usize| {
+            let k = k as f64;
+            RigidMotion::new([0.02 * k, -0.015 * k, 0.02 * k].into(), [0.0, 0.0, 0.006 * k].into())
+        };
+        let group = (0..last).map(|k| (ScanId(k), bent(k) * places.world_from_scan[k])).collect();
+        let alone = vec![(ScanId(last), RigidMotion::identity())];
+        let with = |groups: Vec<Vec<(ScanId, RigidMotion)>>| {
+            let mut assembly = Assembly::of_groups(assessor, places.keypoints(), groups);
+            assembly.add_pairs(pairs.clone());
+            assembly
+        };
+        let best = |assembly: &mut Assembly<'_>| assembly.best_join(&Silent).unwrap().unwrap().support();
+        let mut assembly = with(vec![group, alone]);
+        let before = best(&mut assembly);
+        assembly.refine_all(&Silent).unwrap();
+        let after = best(&mut assembly);
+        let refined = assembly.finish().into_iter().map(|f| f.component.members).collect();
+        assert_ne!(before, after);
+        assert_eq!(after, best(&mut with(refined)));
+    });
+}

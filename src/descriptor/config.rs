@@ -27,7 +27,7 @@ pub enum DescriptorKind {
 
 impl DescriptorKind {
     /// Whether it needs a checkpoint.
-    pub fn is_learned(self) -> bool {
+    fn is_learned(self) -> bool {
         matches!(self, Self::MiniSpinNet | Self::MiniSpinNetFpfh)
     }
 }

@@ -80,7 +80,7 @@ impl Assembly<'_> {
     }
 
     /// Members that moved so far that it matters to evidence, at either pose.
-    fn moved(
+    pub(super) fn moved(
         &self,
         before: &[(ScanId, RigidMotion)],
         after: &[(ScanId, RigidMotion)],

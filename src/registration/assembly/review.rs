@@ -150,12 +150,9 @@ impl Assembly<'_> {
                 self.reviewed.insert(id, places.into_iter().map(|p| p.0.support).collect());
                 continue;
             }
-            let moved = |(old, new): (&(ScanId, RigidMotion), &(ScanId, RigidMotion))| {
-                if old.1 == new.1 { Vec::new() } else { vec![*old, *new] }
-            };
             let taken_out = former.iter().filter(|m| out.contains(&m.0)).copied();
             let changes: Vec<(ScanId, RigidMotion)> =
-                former.iter().zip(&component.members).flat_map(moved).chain(taken_out).collect();
+                self.moved(&former, &component.members).into_iter().chain(taken_out).collect();
             for key in self.touched_links(id, &changes) {
                 self.links.remove(&key);
             }

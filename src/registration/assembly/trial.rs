@@ -74,11 +74,8 @@ impl Assembly<'_> {
     pub fn join_by_trial(&mut self, monitor: &dyn Monitor) -> Result<bool> {
         let coarse = self.coarse();
         let worth = self.worth_trying();
-        let proposals =
-            worth.iter().map(|&(key, assessment, pair)| Proposal { a: key.0, b: key.1, assessment, pair });
-        let proposals: Vec<Proposal> = proposals.collect();
         let trials: Result<Vec<Option<Trial>>> =
-            proposals.par_iter().map(|proposal| self.try_out(*proposal, &coarse, monitor)).collect();
+            worth.par_iter().map(|proposal| self.try_out(*proposal, &coarse, monitor)).collect();
         let trials: Vec<Trial> = trials?.into_iter().flatten().collect();
         for trial in &trials {
             tracing::debug!("trial {}: then {:?}", self.describe(&trial.proposal), trial.support);
@@ -88,9 +85,9 @@ impl Assembly<'_> {
             .filter(|(_, support)| self.probability(support) >= self.config().evidence.accept)
             .collect();
         // One that suffices and cannot be made now has not failed: it is tried again.
-        for (key, ..) in &worth {
-            if !sufficient.iter().any(|&(at, _)| trials[at].key == *key) {
-                self.links.entry(*key).and_modify(|link| link.tried = true);
+        for key in worth.iter().map(|p| (p.a, p.b)) {
+            if !sufficient.iter().any(|&(at, _)| trials[at].key == key) {
+                self.links.entry(key).and_modify(|link| link.tried = true);
             }
         }
         sufficient
@@ -136,7 +133,7 @@ impl Assembly<'_> {
     }
 
     /// Proposals in the order in which they deserve a trial; links that failed before do not.
-    fn worth_trying(&self) -> Vec<((ComponentId, ComponentId), Assessment, usize)> {
+    fn worth_trying(&self) -> Vec<Proposal> {
         let mut worth = Vec::new();
         for (key, link) in &self.links {
             let alone = self.components[&key.0].members.len() + self.components[&key.1].members.len() <= 2;
@@ -157,7 +154,8 @@ impl Assembly<'_> {
         }
         worth.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
         worth.truncate(TRIALS);
-        worth.into_iter().map(|(_, key, found, pair)| (key, found, pair)).collect()
+        let proposal = |(_, (a, b), assessment, pair)| Proposal { a, b, assessment, pair };
+        worth.into_iter().map(proposal).collect()
     }
 
     /// Makes a join on the side, refines the poses around it, and measures how the two sides then sit.
