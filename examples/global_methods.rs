@@ -1,9 +1,10 @@
 //! The rivals of the incremental method on real scenes, from the same features.
 //!
 //! Usage: `cargo run --release --example global_methods -- [--keypoints N] [--preset NAME]
-//! [--features DIR] [--weights LITS_FILE] [--cache DIR] [--no-incremental] DATA SCENE…`
+//! [--set KEY=VALUE] [--features DIR] [--weights LITS_FILE] [--cache DIR] [--no-incremental] DATA SCENE…`
 //!
-//! Features are computed, or read from DIR/SCENE/<scan>.npz.
+//! Features are computed, or read from DIR/SCENE/<scan>.npz. Of the settings by `--set` the run of the preset
+//! `default` takes over those of the descriptor.
 //!
 //! DATA holds 3dmatch/SCENE/PointCloud and benchmarks/{3DMatch,3DLoMatch}/SCENE. For every scene
 //! and pose graph the pairs are registered once, and every method gets the same graph; no
@@ -12,7 +13,7 @@
 //! recall on both benchmarks in percent, pairs registered and kept, share of the kept ones that
 //! are right (10°, 0.3 m), and the seconds that pairs (when they were registered) and synchronisation took.
 
-use scanweave::config::Method as Choice;
+use scanweave::config::{Layers, Method as Choice};
 use scanweave::evaluation::recall::{RecallConfig, RecallReport, registration_recall};
 use scanweave::geometry::RigidMotion;
 use scanweave::geometry::rigid::{rotation_error_rad, translation_error_m};
@@ -78,7 +79,7 @@ fn main() -> Result<(), Failure> {
 
 fn options() -> Result<Options, Failure> {
     let (mut preset, mut keypoints, mut weights, mut cache) = ("paper".to_owned(), 2500, None, None);
-    let (mut incremental, mut features, mut rest) = (true, None, Vec::new());
+    let (mut incremental, mut features, mut set, mut rest) = (true, None, Vec::new(), Vec::new());
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         let mut value = || arguments.next().ok_or_else(|| format!("{argument} needs a value"));
@@ -86,6 +87,7 @@ fn options() -> Result<Options, Failure> {
             "--preset" => preset = value()?,
             "--keypoints" => keypoints = value()?.parse()?,
             "--weights" => weights = Some(PathBuf::from(value()?)),
+            "--set" => set.push(value()?),
             "--cache" => cache = Some(PathBuf::from(value()?)),
             "--features" => features = Some(PathBuf::from(value()?)),
             "--no-incremental" => incremental = false,
@@ -95,7 +97,10 @@ fn options() -> Result<Options, Failure> {
     if rest.len() < 2 {
         return Err("usage: global_methods [options] DATA SCENE…".into());
     }
-    let mut config = Config::preset(&preset)?;
+    let mut layers = Layers::new::<Config>();
+    layers.add_preset(&preset)?;
+    set.iter().try_for_each(|assignment| layers.add_assignment(assignment))?;
+    let mut config = Config::from_layers(&layers)?;
     config.descriptor.keypoints.count = keypoints;
     let lits = weights.map(|path| LitsWeights::load(&path)).transpose()?;
     let data = PathBuf::from(rest.remove(0));

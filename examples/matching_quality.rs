@@ -24,7 +24,7 @@ use clap::Parser;
 use ndarray::ArrayView2;
 use rayon::prelude::*;
 use scanweave::descriptor::keypoints::subsample;
-use scanweave::descriptor::{self, DescriptorConfig, KeypointConfig, WorkingScale, surface};
+use scanweave::descriptor::{self, DescriptorConfig, DescriptorKind, KeypointConfig, WorkingScale, surface};
 use scanweave::evaluation::recall::rmse_m;
 use scanweave::geometry::rigid::PointMover;
 use scanweave::io;
@@ -204,7 +204,8 @@ fn features_of(
         Source::Fpfh(scale) => {
             let scan = Scan { id, name: String::new(), path: None, cloud: io::read_cloud(cloud)? };
             let surface = surface::thin(&scan.cloud, scale);
-            let config = DescriptorConfig { keypoints: KeypointConfig { count }, ..Default::default() };
+            let keypoints = KeypointConfig { count };
+            let config = DescriptorConfig { kind: DescriptorKind::Fpfh, keypoints, ..Default::default() };
             Ok(descriptor::describe(&scan, &surface, scale, &config, seed)?)
         }
     }

@@ -14,7 +14,7 @@ for scans in "$@"; do
     set="$out/$scans"
     [[ -d "$set/building" ]] || "$scanweave" synth -q -o "$set/building" --scans "$scans" --rooms $((scans / 15)) --seed 7
     [[ -d "$set/features" ]] || "$scanweave" describe -q "$set/building/PointCloud" -o "$set/features" \
-        --set descriptor.keypoints.count=2500
+        --set descriptor.kind=fpfh --set descriptor.keypoints.count=2500
     [[ -f "$set/result/poses.json" ]] || "$scanweave" register -q "$set/building/PointCloud" -o "$set/result" --force \
         --features "$set/features" --set descriptor.kind=precomputed
     "$scanweave" evaluate "$set/result" --truth "$set/building" --benchmark "$set/building" --json >"$set/errors.json"

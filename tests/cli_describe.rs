@@ -91,7 +91,7 @@ fn learned_values_and_histograms_stand_side_by_side() {
     let set = scans(place.path());
     let learned = learned(&network(&place.path().join("w.safetensors"), 1));
     let of = |kind: &str, checkpoint: &[String]| {
-        let out = place.path().join(kind);
+        let out = place.path().join(kind).join(checkpoint.len().to_string());
         let kind = format!("descriptor.kind={kind}");
         let mut all = vec!["--set", kind.as_str()];
         all.extend(checkpoint.iter().map(String::as_str));
@@ -110,10 +110,16 @@ fn learned_values_and_histograms_stand_side_by_side() {
         let expected = l.iter().map(|v| v / unit).chain(h.iter().map(|v| 2.3 * v / unit));
         assert!(row.iter().zip(expected).all(|(x, y)| (x - y).abs() < 1e-6));
     }
-    let kind = ["--set", "descriptor.kind=mini-spin-net-fpfh", "--force"];
-    let out = place.path().join("fpfh");
-    let refused = describe(&set, &out, &kind).assert().code(4);
-    refused.stderr(contains("one for the descriptor mini-spin-net-fpfh"));
+    // Without a file of weights the built-in ones, as for a plain call.
+    let (_, built_in) = of("mini-spin-net", &[]);
+    assert_eq!(built_in.dim(), (300, 32));
+    assert_ne!(built_in, network);
+    let out = place.path().join("default");
+    describe(&set, &out, &[]).assert().success().stdout(contains("mini-spin-net-fpfh of 3 scans"));
+    let default = array(&out.join("a.npz"), "descriptors");
+    for (row, l) in default.outer_iter().zip(built_in.outer_iter()) {
+        assert!(row.iter().zip(l).all(|(x, y)| (x - y / unit).abs() < 1e-6));
+    }
 }
 
 #[test]
@@ -121,7 +127,7 @@ fn described_features_register_as_computed_ones_do() {
     let place = folder();
     let (set, out) = (scans(place.path()), place.path().join("out"));
     std::fs::remove_file(set.join("few.ply")).unwrap();
-    describe(&set, &out, &[]).assert().success().stdout(contains("fpfh of 2 scans"));
+    describe(&set, &out, &[]).assert().success().stdout(contains("mini-spin-net-fpfh of 2 scans"));
     let converted = place.path().join("converted");
     describe(&set, &converted, &["--features", out.to_str().unwrap()]).assert().success();
     // Reading makes descriptors unit length again, which may change a last bit.
@@ -144,8 +150,6 @@ fn described_features_register_as_computed_ones_do() {
 fn unusable_weights_and_settings_are_one_clear_error() {
     let place = folder();
     let (set, out) = (scans(place.path()), place.path().join("out"));
-    let kind = ["--set", "descriptor.kind=mini-spin-net"];
-    describe(&set, &out, &kind).assert().code(4).stderr(contains("descriptor.checkpoint: found no file"));
     let missing = learned(&place.path().join("none.safetensors"));
     let missing: Vec<&str> = missing.iter().map(String::as_str).collect();
     describe(&set, &out, &missing).assert().code(3).stderr(contains("none.safetensors: cannot read it"));
@@ -154,7 +158,7 @@ fn unusable_weights_and_settings_are_one_clear_error() {
     let text = learned(&text);
     let text: Vec<&str> = text.iter().map(String::as_str).collect();
     describe(&set, &out, &text).assert().code(3).stderr(contains("a MiniSpinNet checkpoint"));
-    let unused = ["--set", "descriptor.checkpoint=w.safetensors"];
+    let unused = ["--set", "descriptor.kind=fpfh", "--set", "descriptor.checkpoint=w.safetensors"];
     describe(&set, &out, &unused).assert().code(4).stderr(contains("no weights"));
     let head = Path::new(env!("CARGO_MANIFEST_DIR")).join("checkpoints/netvlad-fpfh.safetensors");
     let head = learned(&head);

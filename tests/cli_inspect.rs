@@ -12,7 +12,13 @@ fn scans_features_checkpoints_and_results_tell_what_they_are() {
     let scans = synth(place.path(), 3);
     let (result, features) = (place.path().join("result"), place.path().join("features"));
     scanweave().args(["register", "-q", "--seed", "5"]).arg(&scans).arg("-o").arg(&result).assert().success();
-    scanweave().args(["describe", "-q"]).arg(&scans).arg("-o").arg(&features).assert().success();
+    scanweave()
+        .args(["describe", "-q", "--seed", "5"])
+        .arg(&scans)
+        .arg("-o")
+        .arg(&features)
+        .assert()
+        .success();
 
     let checkpoint = concat!(env!("CARGO_MANIFEST_DIR"), "/checkpoints/netvlad-fpfh.safetensors");
     let mut all = scanweave();

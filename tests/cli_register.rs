@@ -31,7 +31,7 @@ fn a_result_is_whole_reproducible_kept_and_only_replaced_by_force() {
     register(&scans, &one, &["--threads", "1", "--seed", "3"])
         .success()
         .stdout(contains("cloud_bin_0").and(contains("pivot")).and(contains("placed   4 of 4 scans")))
-        .stdout(contains("voxel").and(contains("trained checkpoint netvlad-fpfh")))
+        .stdout(contains("voxel").and(contains("trained checkpoint netvlad-mini-spin-net-fpfh")))
         .stderr("");
     assert_eq!(names(&one), FILES);
     register(&scans, &two, &["--threads", "2", "--seed", "3"]).success();

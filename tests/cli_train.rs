@@ -67,12 +67,12 @@ fn a_head_is_trained_and_registration_uses_it() {
     let best = run.join("best.safetensors");
     register(&best, &[]).assert().success();
     let report = json(place.path().join("result/report.json"));
-    assert_eq!(report["overlap_head"], "trained checkpoint netvlad-fpfh");
+    assert_eq!(report["overlap_head"], "trained checkpoint netvlad-mini-spin-net-fpfh");
     // Descriptors of another radius mean something else.
     register(&best, &["--set", "scale.feature_radius_m=0.5"])
         .assert()
         .code(3)
-        .stderr(contains("best.safetensors: found a head for `fpfh` with settings"));
+        .stderr(contains("best.safetensors: found a head for `mini-spin-net-fpfh` with settings"));
     register(&best, &["--set", "retrieval.head=untrained"])
         .assert()
         .code(4)
@@ -158,8 +158,13 @@ fn ways_to_predict_overlap_are_compared() {
         .unwrap();
     let rows: serde_json::Value = serde_json::from_slice(&rows.stdout).unwrap();
     let ways: Vec<&str> = rows.as_array().unwrap().iter().map(|r| r["way"].as_str().unwrap()).collect();
-    let expected =
-        ["random order", "mean pooling", "GeM", "k-means NetVLAD", "trained checkpoint netvlad-fpfh"];
+    let expected = [
+        "random order",
+        "mean pooling",
+        "GeM",
+        "k-means NetVLAD",
+        "trained checkpoint netvlad-mini-spin-net-fpfh",
+    ];
     assert_eq!(ways, expected);
     // Ten of the other five scans are all of them.
     assert!(rows.as_array().unwrap().iter().all(|r| r["recall_overlap_10"] == 1.0));
@@ -183,8 +188,8 @@ fn a_descriptor_is_trained_and_describes() {
         command
     };
     train(&[]).assert().success().stdout(contains("step      4").and(contains("accuracy")));
-    let files = ["best.safetensors", "curves.svg", "last.safetensors", "metrics.jsonl", "recipe.toml"];
-    assert_eq!(names(&run), files);
+    let files = "best.safetensors curves.svg final.safetensors last.safetensors metrics.jsonl recipe.toml";
+    assert_eq!(names(&run).join(" "), files);
     // Two records (steps 2 and 4) with a loss and an accuracy each: four points.
     assert_eq!(std::fs::read_to_string(run.join("curves.svg")).unwrap().matches("<circle").count(), 4);
     train(&[]).assert().code(5).stderr(contains("--force"));

@@ -88,7 +88,7 @@ fn a_real_fragment_is_described_in_full_and_in_time() {
         scan.cloud.len(),
         start.elapsed()
     );
-    assert_eq!((features.len(), features.descriptors.dim()), (5000, 33));
+    assert_eq!((features.len(), features.descriptors.dim()), (2500, 65));
     let with_normal = surface.normals.iter().filter(|n| n.norm() > 0.5).count();
     assert!(with_normal as f64 > 0.98 * surface.len() as f64, "{with_normal} of {}", surface.len());
 }

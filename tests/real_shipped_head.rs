@@ -21,7 +21,7 @@ fn the_shipped_head_predicts_overlap_better_than_untrained_ones() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let rows: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let (trained, untrained) = rows.as_array().unwrap().split_last().unwrap();
-    assert_eq!(trained["way"], "trained checkpoint netvlad-fpfh");
+    assert_eq!(trained["way"], "trained checkpoint netvlad-mini-spin-net-fpfh");
     assert_eq!(untrained.len(), 4);
     for other in untrained {
         for (score, margin) in [("recall_overlap_30", 0.06), ("recall_overlap_10", 0.08), ("spearman", 0.08)]

@@ -40,7 +40,8 @@ enum Other {
 ///
 /// The recipe names settings and data as for an overlap head. Writes best.safetensors (for the
 /// setting descriptor.checkpoint), last.safetensors (for --resume), metrics.jsonl and recipe.toml
-/// into the output folder, and curves.svg at the end. Stopped at any moment, the last complete
+/// into the output folder, and at the end final.safetensors (the last step, as best.safetensors) and
+/// curves.svg. Stopped at any moment, the last complete
 /// checkpoint is intact.
 #[derive(Debug, Args)]
 struct DescriptorArguments {
@@ -96,7 +97,8 @@ impl RunOptions {
 }
 
 /// What a run leaves in its folder.
-const FILES: [&str; 4] = ["best.safetensors", "last.safetensors", "metrics.jsonl", "curves.svg"];
+const FILES: [&str; 5] =
+    ["best.safetensors", "last.safetensors", "metrics.jsonl", "curves.svg", "final.safetensors"];
 
 pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
     match arguments.other {

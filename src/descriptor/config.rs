@@ -14,19 +14,19 @@ use std::path::PathBuf;
 #[serde(rename_all = "kebab-case")]
 pub enum DescriptorKind {
     /// Fast point feature histograms, computed here (33 values).
-    #[default]
     Fpfh,
-    /// MiniSpinNet, a learned descriptor computed here (32 values with the published weights).
+    /// MiniSpinNet, a learned descriptor computed here (32 values with the built-in weights).
     MiniSpinNet,
-    /// MiniSpinNet and FPFH side by side (65 values with the published weights): what either cannot tell
+    /// MiniSpinNet and FPFH side by side (65 values with the built-in weights): what either cannot tell
     /// apart the other often can.
+    #[default]
     MiniSpinNetFpfh,
     /// Keypoints and descriptors read from files.
     Precomputed,
 }
 
 impl DescriptorKind {
-    /// Whether it needs a checkpoint.
+    /// Whether it has weights.
     fn is_learned(self) -> bool {
         matches!(self, Self::MiniSpinNet | Self::MiniSpinNetFpfh)
     }
@@ -54,7 +54,8 @@ pub enum PatchPoints {
 pub struct DescriptorConfig {
     /// Which descriptor.
     pub kind: DescriptorKind,
-    /// Weights of a learned descriptor: a file of `train descriptor` or `import-weights`.
+    /// Weights of a learned descriptor: a file of `train descriptor` or `import-weights`. The built-in ones
+    /// where none is named.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub checkpoint: Option<PathBuf>,
     /// Which points the patches of a learned descriptor are made of.
@@ -70,17 +71,11 @@ impl DescriptorConfig {
     /// [`Error::Setting`] for an unusable value.
     pub fn validate(&self) -> Result<()> {
         match (&self.checkpoint, self.kind) {
-            (None, kind) if kind.is_learned() => Err(Error::setting(
-                "descriptor.checkpoint",
-                "no file of weights",
-                format!("one for the descriptor {}", self.descriptor_name()),
-                "name one, or set descriptor.kind to \"fpfh\"",
-            )),
             (Some(path), DescriptorKind::Fpfh) => Err(Error::setting(
                 "descriptor.checkpoint",
                 format!("{}, with a descriptor that has no weights", path.display()),
                 "none for fpfh",
-                "leave it out, or set descriptor.kind to \"mini-spin-net\"",
+                "leave it out, or set descriptor.kind to \"mini-spin-net-fpfh\"",
             )),
             _ => self.keypoints.validate(),
         }
@@ -111,11 +106,10 @@ impl Describer {
     /// [`Error::Setting`] for an unusable value; an unreadable checkpoint.
     pub fn new(config: &DescriptorConfig) -> Result<Self> {
         config.validate()?;
-        let network = match (&config.checkpoint, config.kind) {
-            (Some(path), kind) if kind.is_learned() => {
-                Some(LoadedNetwork::new(&spinnet::Checkpoint::load(path)?.weights))
-            }
-            _ => None,
+        let network = match &config.checkpoint {
+            _ if !config.kind.is_learned() => None,
+            Some(path) => Some(LoadedNetwork::new(&spinnet::Checkpoint::load(path)?.weights)),
+            None => Some(spinnet::shipped()?),
         };
         Ok(Self { config: config.clone(), network })
     }
@@ -280,7 +274,8 @@ mod tests {
     fn a_scan_gives_unit_descriptors_at_its_keypoints() {
         let (scan, scale) = (corner(30_000), WorkingScale::from_voxel(0.02));
         let features = features_of(&scan, &scale, 1);
-        assert_eq!((features.len(), features.descriptors.dim()), (700, 33));
+        // The network may make nothing of a few.
+        assert!(features.len() >= 690 && features.descriptors.dim() == 65, "{}", features.len());
         for i in 0..features.len() {
             let norm: f32 = features.descriptors.row(i).iter().map(|v| v * v).sum();
             assert!((norm - 1.0).abs() < 1e-5);
@@ -313,7 +308,7 @@ mod tests {
         }
         // A plane is described like any other scan; that it fixes no pose shows later.
         let plane = (0..2500).map(|i| Point::new((i % 50) as f32 * 0.1, (i / 50) as f32 * 0.1, 1.0));
-        assert_eq!(features_of(&scan(plane.collect()), &scale, 1).len(), 700);
+        assert!(features_of(&scan(plane.collect()), &scale, 1).len() >= 690);
     }
 
     #[test]
@@ -346,5 +341,8 @@ mod tests {
         assert!(error.to_string().starts_with("descriptor.kind: found precomputed"), "{error}");
         let few = DescriptorConfig { keypoints: KeypointConfig { count: 2 }, ..Default::default() };
         assert!(few.validate().is_err());
+        let text = "kind = \"fpfh\"\ncheckpoint = \"w.safetensors\"\n";
+        let weightless = toml::from_str::<DescriptorConfig>(text).unwrap().validate().unwrap_err();
+        assert!(weightless.to_string().contains("a descriptor that has no weights"), "{weightless}");
     }
 }

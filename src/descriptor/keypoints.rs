@@ -21,7 +21,7 @@ pub struct KeypointConfig {
 
 impl Default for KeypointConfig {
     fn default() -> Self {
-        Self { count: 5000 }
+        Self { count: 2500 }
     }
 }
 
@@ -36,7 +36,7 @@ impl KeypointConfig {
                 "descriptor.keypoints.count",
                 self.count.to_string(),
                 "at least 3",
-                "leave it out for the default of 5000",
+                "leave it out for the default of 2500",
             ));
         }
         Ok(())

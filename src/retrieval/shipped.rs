@@ -29,41 +29,38 @@ mod tests {
     use super::*;
     use crate::descriptor::{Describer, DescriptorConfig, DescriptorKind, WorkingScale};
 
-    #[test]
-    fn the_head_fits_the_default_descriptor_at_every_scale_and_no_other() {
-        for voxel_m in [0.0013, 0.02, 0.025, 0.031, 0.17] {
-            let scale = WorkingScale::from_voxel(voxel_m);
-            let fpfh = Describer::new(&DescriptorConfig::default()).unwrap();
-            let settings_hash = fpfh.settings_hash(&scale);
-            let tag = DescriptorTag { name: "fpfh".into(), dim: 33, settings_hash };
-            let head = head_for(&tag).unwrap().expect("a head for the default descriptor");
-            assert_eq!((head.meta.name.as_str(), head.weights.dim()), ("netvlad-fpfh", 33));
-            // It must not carry the optimiser's state around.
-            assert!(head.optimizer.is_none());
-            let wider = WorkingScale { feature_radius_m: 2.0 * scale.feature_radius_m, ..scale };
-            let settings_hash = fpfh.settings_hash(&wider);
-            assert_eq!(head_for(&DescriptorTag { settings_hash, ..tag.clone() }).unwrap(), None);
-            assert_eq!(head_for(&DescriptorTag { dim: 32, ..tag }).unwrap(), None);
-        }
+    /// The tag of a descriptor at a scale, by the same text as a registration.
+    fn tag(config: &DescriptorConfig, dim: usize, scale: &WorkingScale) -> DescriptorTag {
+        let settings_hash = Describer::new(config).unwrap().settings_hash(scale);
+        DescriptorTag { name: config.descriptor_name().into(), dim, settings_hash }
     }
 
     #[test]
-    fn the_shipped_network_beside_fpfh_has_a_head_and_other_weights_have_none() {
-        let file = |name: &str| Path::new(env!("CARGO_MANIFEST_DIR")).join("checkpoints").join(name);
-        let config = DescriptorConfig {
-            kind: DescriptorKind::MiniSpinNetFpfh,
-            checkpoint: Some(file("minispinnet.safetensors")),
-            ..DescriptorConfig::default()
-        };
-        let describer = Describer::new(&config).unwrap();
-        let settings_hash = describer.settings_hash(&WorkingScale::from_voxel(0.025));
-        let tag = DescriptorTag { name: "mini-spin-net-fpfh".into(), dim: 65, settings_hash };
-        let head = head_for(&tag).unwrap().expect("a head for the shipped network");
-        assert_eq!((head.meta.name.as_str(), head.weights.dim()), ("netvlad-mini-spin-net-fpfh", 65));
-        assert!(head.optimizer.is_none());
-        let alone =
-            Describer::new(&DescriptorConfig { kind: DescriptorKind::MiniSpinNet, ..config }).unwrap();
-        let settings_hash = alone.settings_hash(&WorkingScale::from_voxel(0.025));
-        assert_eq!(head_for(&DescriptorTag { settings_hash, ..tag }).unwrap(), None);
+    fn a_head_fits_its_descriptor_at_every_scale_and_no_other() {
+        let of = |kind| DescriptorConfig { kind, ..DescriptorConfig::default() };
+        let fpfh = (of(DescriptorKind::Fpfh), "netvlad-fpfh", 33);
+        let default = (DescriptorConfig::default(), "netvlad-mini-spin-net-fpfh", 65);
+        for (config, name, dim) in [fpfh, default] {
+            for voxel_m in [0.0013, 0.02, 0.025, 0.031, 0.17] {
+                let scale = WorkingScale::from_voxel(voxel_m);
+                let head = head_for(&tag(&config, dim, &scale)).unwrap().expect(name);
+                assert_eq!((head.meta.name.as_str(), head.weights.dim()), (name, dim));
+                // It must not carry the optimiser's state around.
+                assert!(head.optimizer.is_none());
+                let wider = WorkingScale { feature_radius_m: 2.0 * scale.feature_radius_m, ..scale };
+                assert_eq!(head_for(&tag(&config, dim, &wider)).unwrap(), None);
+                assert_eq!(head_for(&tag(&config, dim - 1, &scale)).unwrap(), None);
+            }
+        }
+        let alone = tag(&of(DescriptorKind::MiniSpinNet), 32, &WorkingScale::from_voxel(0.025));
+        assert_eq!(head_for(&alone).unwrap(), None);
+    }
+
+    #[test]
+    fn the_shipped_network_named_as_a_file_is_the_built_in_one() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("checkpoints/minispinnet.safetensors");
+        let named = DescriptorConfig { checkpoint: Some(file), ..DescriptorConfig::default() };
+        let scale = WorkingScale::from_voxel(0.025);
+        assert_eq!(tag(&named, 65, &scale), tag(&DescriptorConfig::default(), 65, &scale));
     }
 }

@@ -87,6 +87,19 @@ impl Checkpoint {
     }
 }
 
+/// The network that comes with the program, of the repository's `checkpoints/`.
+const SHIPPED: (&str, &[u8]) =
+    ("minispinnet.safetensors", include_bytes!("../../../checkpoints/minispinnet.safetensors"));
+
+/// The built-in network.
+///
+/// # Errors
+/// None for a program that was built whole.
+pub fn shipped() -> Result<LoadedNetwork> {
+    let (file, bytes) = SHIPPED;
+    Ok(LoadedNetwork::new(&Checkpoint::from_bytes(Path::new(file), bytes)?.weights))
+}
+
 /// A network ready to run, and a digest of its numbers. Cheap to clone.
 #[derive(Debug, Clone)]
 pub struct LoadedNetwork {

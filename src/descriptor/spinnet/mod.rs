@@ -31,7 +31,7 @@ pub mod train;
 mod weights;
 mod winograd;
 
-pub use checkpoint::{Checkpoint, LoadedNetwork, Meta};
+pub use checkpoint::{Checkpoint, LoadedNetwork, Meta, shipped};
 pub use inference::{Network, Workspace};
 pub use module::{MiniSpinNet, Mode};
 pub use patch::Patch;
@@ -57,7 +57,7 @@ const BATCH: usize = 2;
 /// `viewpoint`: patches of `radius_m`, the order of points within them by `seed`.
 ///
 /// A keypoint whose surroundings fix no axis (fewer than three points, or all on one line) has a
-/// row of zeros.
+/// row of zeros, and so has one, on a perfect plane say, where the network attends to no cell.
 pub fn descriptors(
     network: &Network,
     points: &[Point],

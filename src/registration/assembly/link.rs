@@ -13,6 +13,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Clusters of pairwise hypotheses of two components that are assessed.
 const CLUSTERS: usize = 8;
+/// A rise of a link's promise that is none: pairs of scans that are as good as sure to be wrong.
+const UNPROMISING: f64 = 0.01;
 /// Scans of other components that a scan is compared with in the second look.
 const LOOKED_AT: usize = 40;
 
@@ -133,7 +135,8 @@ impl Assembly<'_> {
 
     /// Links of the components in `gone` become links of `id`, in which the component `kept` has kept its
     /// frame and its poses, if one has. What is known of a link of that one stays where the newcomers
-    /// have nothing to say to it: evidence that cannot have changed is not measured again.
+    /// have nothing to say to it: evidence that cannot have changed is not measured again. Nor is that of
+    /// a link which is not worth a trial, where the newcomers' matches promise no more.
     pub(super) fn replace_links(
         &mut self,
         gone: &[ComponentId],
@@ -162,9 +165,17 @@ impl Assembly<'_> {
                 {
                     return (key, links.remove(0).1);
                 }
-                let mut pairs: Vec<usize> = links.into_iter().flat_map(|l| l.1.pairs).collect();
+                let mut pairs: Vec<usize> = links.iter().flat_map(|l| &l.1.pairs).copied().collect();
                 pairs.sort_unstable();
-                (key, self.link(key, pairs))
+                let mut made = self.link(key, pairs);
+                let former = links.into_iter().find(|(side, _)| kept.is_some_and(|k| k.0 == *side));
+                if let Some((_, former)) = former.filter(|_| other < id)
+                    && self.is_hopeless(&former)
+                    && made.promise <= former.promise + UNPROMISING
+                {
+                    (made.assessed, made.tried) = (former.assessed, former.tried);
+                }
+                (key, made)
             })
             .collect();
         self.links.extend(made);
@@ -263,5 +274,51 @@ impl Assembly<'_> {
         // Where a rank does not fit as a whole it is left out, and all after it.
         let first_left_out = ranks.get(self.pairs.len()).copied().unwrap_or(LOOKED_AT);
         rank.into_iter().filter(|r| r.1 < first_left_out).map(|r| r.0).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Component, Proposal};
+    use super::*;
+    use crate::geometry::{Direction, Point};
+    use crate::registration::assessment::Assessor;
+    use crate::registration::config::RegistrationConfig;
+    use crate::registration::pairs::ScanPair;
+    use crate::registration::scan_model::ScanModel;
+    use crate::scan::{Support, Surface};
+
+    #[test]
+    fn what_is_known_of_a_hopeless_link_stands_until_a_newcomer_gives_it_a_chance() {
+        let points = vec![Point::new(-0.1, 0.0, 0.0), Point::new(0.1, 0.0, 0.0)];
+        let surface = Surface { normals: vec![Direction::z(); 2], points, ..Surface::default() };
+        let config = RegistrationConfig::default();
+        let models: Vec<ScanModel<'_>> =
+            (0..3).map(|_| ScanModel::with_sizes(&surface, 0.07, 2, 0.14)).collect();
+        let assessor = Assessor { models: &models, config: &config, radius_m: 0.07, sight_trusted: false };
+        let assessed = |probability: f64| Assessment {
+            a_from_b: RigidMotion::identity(),
+            support: Support { probability: Some(probability), ..Support::default() },
+        };
+        let pair = |i: usize, j: usize, probability: f64| ScanPair {
+            i: ScanId(i),
+            j: ScanId(j),
+            matches: Box::default(),
+            hypotheses: vec![assessed(probability)],
+        };
+        // The link of scan 2 with what scans 0 and 1 become by joining.
+        let joined = |of_newcomer: f64| {
+            let scans = [0, 1, 2].map(ScanId);
+            let mut assembly = Assembly::new(&assessor, vec![&[]; 3], &scans);
+            assembly.add_pairs(vec![pair(0, 1, 0.99), pair(0, 2, 0.005), pair(1, 2, of_newcomer)]);
+            assembly.join(&Proposal { a: 0, b: 1, assessment: assessed(0.99), pair: 0 });
+            let Component { members, .. } = &assembly.components[&3];
+            assert_eq!(members.len(), 2);
+            let link = &assembly.links[&(2, 3)];
+            assert_eq!(link.pairs, [1, 2]);
+            link.assessed.clone()
+        };
+        assert_eq!(joined(0.004), Some(vec![(assessed(0.005), 1)]));
+        assert_eq!(joined(0.05), None);
     }
 }

@@ -31,10 +31,7 @@ impl Assembly<'_> {
             })
             .map(|c| *c.0)
             .collect();
-        for id in due {
-            self.refine(id, &coarse, monitor)?;
-        }
-        Ok(())
+        self.refine(&due, &coarse, monitor)
     }
 
     /// The joint refinement as it is made while components still grow.
@@ -55,27 +52,35 @@ impl Assembly<'_> {
     /// # Errors
     /// Only when the monitor is cancelled.
     pub fn refine_all(&mut self, monitor: &dyn Monitor) -> Result<()> {
-        if self.config().joint.enabled {
-            let full = self.config().joint.clone();
-            for id in self.components.keys().copied().collect::<Vec<_>>() {
-                if !self.settled.contains(&id) {
-                    self.refine(id, &full, monitor)?;
-                    self.settled.insert(id);
-                }
-            }
+        if !self.config().joint.enabled {
+            return Ok(());
         }
+        let full = self.config().joint.clone();
+        let unsettled = |id: &ComponentId| !self.settled.contains(id);
+        let due: Vec<ComponentId> = self.components.keys().copied().filter(unsettled).collect();
+        self.refine(&due, &full, monitor)?;
+        self.settled.extend(due);
         Ok(())
     }
 
-    fn refine(&mut self, id: ComponentId, config: &JointConfig, monitor: &dyn Monitor) -> Result<()> {
-        let Some(component) = self.components.get(&id) else { return Ok(()) };
-        let before = component.members.clone();
-        let mut component = component.clone();
-        self.refine_component(&mut component, &BTreeSet::new(), config, monitor)?;
-        let moved = self.moved(&before, &component.members);
-        self.components.insert(id, component);
-        self.reviewed.remove(&id);
-        self.renew_links(id, &moved);
+    /// Refines components side by side; then what is known of their links is measured anew where that
+    /// moved anything.
+    fn refine(&mut self, due: &[ComponentId], config: &JointConfig, monitor: &dyn Monitor) -> Result<()> {
+        let refined: Result<Vec<Component>> = due
+            .par_iter()
+            .map(|id| {
+                let mut component = self.components[id].clone();
+                self.refine_component(&mut component, &BTreeSet::new(), config, monitor)?;
+                Ok(component)
+            })
+            .collect();
+        let mut moved = Vec::new();
+        for (&id, component) in due.iter().zip(refined?) {
+            moved.push((id, self.moved(&self.components[&id].members, &component.members)));
+            self.components.insert(id, component);
+            self.reviewed.remove(&id);
+        }
+        moved.iter().for_each(|(id, scans)| self.renew_links(*id, scans));
         Ok(())
     }
 

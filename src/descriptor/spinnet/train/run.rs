@@ -205,6 +205,9 @@ impl<'a> Run<'a> {
         if improved {
             checkpoint.save(&self.best)?;
         }
+        if last_step {
+            checkpoint.save(&self.folder.join("final.safetensors"))?;
+        }
         let mut arrays = checkpoint.weights.to_arrays();
         for (p, (value, (first, second))) in self.state.parameters.iter().zip(&self.state.moments).enumerate()
         {
