@@ -3,7 +3,7 @@
 //! Usage: `cargo run --release --example evidence_calibration -- [--keypoints N]… [--features DIR] [--table FILE] SCENE…`
 //!
 //! Each SCENE is a folder of scans with true poses; features are computed, or read from
-//! `DIR/<scene>/<scan>.npz`. Scans are registered with the 25 most similar ones, a group of scans of
+//! `DIR/<scene>/<scan>.npz` (`scanweave describe` writes those of other descriptors). Scans are registered with the 25 most similar ones, a group of scans of
 //! every other place among them. Random groups of one to sixteen overlapping scans, at poses a little off the
 //! truth, are then compared as the registration does it. A proposed relative pose is right when it
 //! is within 5° and 3τ of the truth at the centre of the second group; what lies between that and
@@ -73,9 +73,10 @@ fn main() -> Result<(), Failure> {
         }
     }
     if counts.is_empty() {
-        counts = vec![5000, 1000];
+        counts = vec![2500, 1000];
     }
-    let scenes = folders.iter().map(|f| read(f, given.as_deref())).collect::<Result<Vec<_>, _>>()?;
+    let most = counts.iter().copied().max().unwrap_or(0);
+    let scenes = folders.iter().map(|f| read(f, given.as_deref(), most)).collect::<Result<Vec<_>, _>>()?;
     let mut examples: Vec<Vec<Example>> = Vec::new();
     for s in 0..scenes.len() {
         let mut of_scene = Vec::new();
@@ -116,11 +117,12 @@ fn csv(scenes: &[Scene], examples: &[Vec<Example>]) -> String {
     lines
 }
 
-fn read(folder: &str, given: Option<&Path>) -> Result<Scene, Failure> {
+fn read(folder: &str, given: Option<&Path>, keypoints: usize) -> Result<Scene, Failure> {
     let scene = scanweave::io::dataset::read_scene(folder)?;
     let truth = scene.world_from_scan.ok_or_else(|| format!("{folder}: no true poses"))?.value;
     let scans = scanweave::io::read_scans(&scene.scans, &Silent)?;
-    let config = Config::default();
+    let mut config = Config::default();
+    config.descriptor.keypoints.count = keypoints;
     let read = match given.map(|g| g.join(&scene.name)).filter(|g| g.is_dir()) {
         Some(folder) => Some(pipeline::read_features(&folder, &scans, &Silent)?),
         None => None,

@@ -14,6 +14,7 @@
 //! are right (10°, 0.3 m), and the seconds that pairs (when they were registered) and synchronisation took.
 
 use scanweave::config::{Layers, Method as Choice};
+use scanweave::descriptor::DescriptorKind;
 use scanweave::evaluation::recall::{RecallConfig, RecallReport, registration_recall};
 use scanweave::geometry::RigidMotion;
 use scanweave::geometry::rigid::{rotation_error_rad, translation_error_m};
@@ -103,6 +104,9 @@ fn options() -> Result<Options, Failure> {
     let mut config = Config::from_layers(&layers)?;
     config.descriptor.keypoints.count = keypoints;
     let lits = weights.map(|path| LitsWeights::load(&path)).transpose()?;
+    if features.is_some() {
+        config.descriptor.kind = DescriptorKind::Precomputed;
+    }
     let data = PathBuf::from(rest.remove(0));
     Ok(Options { config, lits, features, cache, incremental, data, scenes: rest })
 }

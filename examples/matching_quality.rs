@@ -61,7 +61,7 @@ struct Arguments {
     #[arg(long, value_delimiter = ',', default_value = "12")]
     feature_voxels: Vec<f64>,
     /// Keypoints a fragment.
-    #[arg(long, value_delimiter = ',', default_value = "5000")]
+    #[arg(long, value_delimiter = ',', default_value = "2500")]
     keypoints: Vec<usize>,
     /// Pairs a scene and benchmark, evenly picked from gt.log; 0 for all.
     #[arg(long, default_value_t = 24)]

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// `sghr` and `imvr` are overlap heads, with conv.weight [K,D,1,1], conv.bias [K] and centroids
 /// [K,D] under whatever prefix; the checkpoint is for --checkpoint of `register`. `buffer` is the
 /// local descriptor MiniSpinNet, with the tensors Desc.*; the checkpoint is for the setting
-/// descriptor.checkpoint, with descriptor.kind = "mini-spin-net". `lits` is the graph network for
+/// descriptor.checkpoint. `lits` is the graph network for
 /// SE(3); the file is for the setting synchronization.lits_weights.
 #[derive(Debug, Args)]
 pub struct Arguments {

@@ -40,8 +40,8 @@ enum Other {
 ///
 /// The recipe names settings and data as for an overlap head. Writes best.safetensors (for the
 /// setting descriptor.checkpoint), last.safetensors (for --resume), metrics.jsonl and recipe.toml
-/// into the output folder, and at the end final.safetensors (the last step, as best.safetensors) and
-/// curves.svg. Stopped at any moment, the last complete
+/// into the output folder, and at the end curves.svg and final.safetensors (the network after the last
+/// step, for the same setting). Stopped at any moment, the last complete
 /// checkpoint is intact.
 #[derive(Debug, Args)]
 struct DescriptorArguments {

@@ -75,7 +75,7 @@ impl DescriptorConfig {
                 "descriptor.checkpoint",
                 format!("{}, with a descriptor that has no weights", path.display()),
                 "none for fpfh",
-                "leave it out, or set descriptor.kind to \"mini-spin-net-fpfh\"",
+                "leave it out, or leave descriptor.kind out",
             )),
             _ => self.keypoints.validate(),
         }
@@ -100,7 +100,7 @@ pub struct Describer {
 }
 
 impl Describer {
-    /// Checks the settings and reads the weights they name.
+    /// Checks the settings and reads the weights they name, or else the built-in ones.
     ///
     /// # Errors
     /// [`Error::Setting`] for an unusable value; an unreadable checkpoint.

@@ -37,7 +37,7 @@ use std::path::PathBuf;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum SimilaritySource {
-    /// NetVLAD, with centroids by k-means where no checkpoint is given.
+    /// NetVLAD, with centroids by k-means where no trained head fits, or none is wanted.
     #[default]
     Netvlad,
     /// Generalised mean.

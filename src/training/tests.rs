@@ -46,6 +46,8 @@ fn every_shipped_recipe_is_read() {
             continue;
         }
         let recipe = Recipe::load(&path).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(text.contains("[descriptor]\nkind = "), "no descriptor in {}", path.display());
         let splits: Vec<Split> =
             recipe.synth.iter().map(|e| e.split).chain(recipe.rgbd.iter().map(|e| e.split)).collect();
         assert!(splits.contains(&Split::Train) && splits.contains(&Split::Valid), "{}", path.display());

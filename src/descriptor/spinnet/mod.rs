@@ -11,6 +11,8 @@
 //!   ─ attention, mean over the cells, unit length ─▶ [32]
 //! ```
 //!
+//! That is the published network; the built-in one has six convolutions of 32 channels.
+//!
 //! The frame's z axis is the direction of least spread within half the patch radius, turned to the
 //! scan's viewpoint; turns about it go round in azimuth, which convolutions and mean do not see.
 //! Where the published network learns that axis, this is fixed. The first convolution is 3×3×3

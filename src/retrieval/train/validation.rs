@@ -51,7 +51,7 @@ impl<'a> Validator<'a> {
     }
 
     /// What can be had without training, by name: poolings and NetVLAD around k-means centroids
-    /// of the very scans to be compared, as registration does without a checkpoint.
+    /// of the very scans to be compared, as registration does without a trained head.
     pub fn baselines(&self, config: &TrainConfig) -> Result<Vec<(String, Validation)>> {
         let sources = [
             ("mean pooling", SimilaritySource::Mean),

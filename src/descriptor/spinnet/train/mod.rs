@@ -4,7 +4,8 @@
 //! (turn, tilt, noise, density, holes), and goes down the gradient of the circle loss between all
 //! of them. A run's folder holds `last.safetensors` (training can go on from it),
 //! `best.safetensors` (the validation with the highest accuracy; the last step without one),
-//! `final.safetensors` (the last step, without what a training needs to go on) and `metrics.jsonl`. Every file is replaced whole. What a step draws depends on the seed and its
+//! `final.safetensors` (the last step, without what a training needs to go on) and
+//! `metrics.jsonl`. Every file is replaced whole. What a step draws depends on the seed and its
 //! number alone, and all state is in `last.safetensors`: a resumed run gives the same bytes as one
 //! that was never interrupted.
 

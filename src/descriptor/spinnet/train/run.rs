@@ -144,6 +144,10 @@ impl<'a> Run<'a> {
         };
         if resume {
             run.read_last()?;
+            if run.state.steps < config.steps {
+                // Of a run that is prolonged.
+                let _ = std::fs::remove_file(run.folder.join("final.safetensors"));
+            }
         } else if run.last.exists() || run.best.exists() {
             return Err(Error::OutputExists { path: folder.to_path_buf() });
         }
