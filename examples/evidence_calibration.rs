@@ -3,7 +3,8 @@
 //! Usage: `cargo run --release --example evidence_calibration -- [--keypoints N]… [--features DIR] [--table FILE] SCENE…`
 //!
 //! Each SCENE is a folder of scans with true poses; features are computed, or read from
-//! `DIR/<scene>/<scan>.npz` (`scanweave describe` writes those of other descriptors). Scans are registered with the 25 most similar ones, a group of scans of
+//! `DIR/<scene>/<scan>.npz` (`scanweave describe` writes those of other descriptors). Scans are
+//! registered with the 25 most similar ones, a group of scans of
 //! every other place among them. Random groups of one to sixteen overlapping scans, at poses a little off the
 //! truth, are then compared as the registration does it. A proposed relative pose is right when it
 //! is within 5° and 3τ of the truth at the centre of the second group; what lies between that and

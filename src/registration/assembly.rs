@@ -208,7 +208,7 @@ impl<'a> Assembly<'a> {
         let poses = |c: &Component| c.members.iter().copied().collect::<BTreeMap<_, _>>();
         let matches = self.matches_between(&link.pairs, &poses(ca), &poses(cb));
         let (ga, gb) = (self.posed(&ca.members), self.posed(&cb.members));
-        let motions: Vec<RigidMotion> = link.proposals.iter().map(|p| p.a_from_b).collect();
+        let motions: Vec<RigidMotion> = link.proposals.iter().map(|p| p.0).collect();
         self.assessor.assess(&ga, &gb, &motions, &matches)
     }
 
@@ -220,11 +220,8 @@ impl<'a> Assembly<'a> {
             let distance = |m: &RigidMotion| {
                 (m * centre - found.a_from_b * centre).norm() + m.rotation.angle_to(&found.a_from_b.rotation)
             };
-            let from = link
-                .proposals
-                .iter()
-                .min_by(|x, y| distance(&x.a_from_b).total_cmp(&distance(&y.a_from_b)))?;
-            Some((found, from.pair))
+            let from = link.proposals.iter().min_by(|x, y| distance(&x.0).total_cmp(&distance(&y.0)))?;
+            Some((found, from.1))
         };
         self.assess_all(key, link).into_iter().filter_map(origin).collect()
     }
@@ -237,7 +234,7 @@ impl<'a> Assembly<'a> {
     /// Only when the monitor is cancelled.
     pub fn best_join(&mut self, monitor: &dyn Monitor) -> Result<Option<Proposal>> {
         let mut order: Vec<(f64, (ComponentId, ComponentId))> =
-            self.links.iter().map(|(key, link)| (link.promise(), *key)).collect();
+            self.links.iter().map(|(key, link)| (link.promise, *key)).collect();
         order.sort_unstable_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
         let mut best: Option<Proposal> = None;
         let mut looked_at = 0;

@@ -13,8 +13,6 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Clusters of pairwise hypotheses of two components that are assessed.
 const CLUSTERS: usize = 8;
-/// A rise of a link's promise that is none: pairs of scans that are as good as sure to be wrong.
-const UNPROMISING: f64 = 0.01;
 /// Scans of other components that a scan is compared with in the second look.
 const LOOKED_AT: usize = 40;
 
@@ -23,30 +21,17 @@ const LOOKED_AT: usize = 40;
 pub(super) struct Link {
     /// Pairs of scans with one in either component.
     pub(super) pairs: Vec<usize>,
-    /// Distinct proposals, best first.
-    pub(super) proposals: Vec<PairProposal>,
+    /// Distinct proposals `a_from_b` with the pair that speaks for each most, best first.
+    pub(super) proposals: Vec<(RigidMotion, usize)>,
+    /// How probable the best proposal is if pairs were independent witnesses.
+    pub(super) promise: f64,
     /// Evidence for proposals, most probable first, and the pair that speaks for each; once measured.
     pub(super) assessed: Option<Vec<(Assessment, usize)>>,
     /// Whether its trials failed, on the evidence that there is.
     pub(super) tried: bool,
 }
 
-/// What pairs of scans propose for two components.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct PairProposal {
-    pub(super) a_from_b: RigidMotion,
-    /// The pair that speaks for it most.
-    pub(super) pair: usize,
-    /// How probable it is if pairs were independent witnesses.
-    promise: f64,
-}
-
 impl Link {
-    /// How much the best proposal promises.
-    pub(super) fn promise(&self) -> f64 {
-        self.proposals.first().map_or(0.0, |p| p.promise)
-    }
-
     /// The most probable proposal, where it was measured.
     pub(super) fn best(&self) -> Option<(Assessment, usize)> {
         self.assessed.as_ref()?.first().copied()
@@ -54,7 +39,7 @@ impl Link {
 
     /// The same with the two components exchanged.
     fn turned(mut self) -> Self {
-        self.proposals.iter_mut().for_each(|p| p.a_from_b = p.a_from_b.inverse());
+        self.proposals.iter_mut().for_each(|p| p.0 = p.0.inverse());
         self.assessed.iter_mut().flatten().for_each(|a| a.0.a_from_b = a.0.a_from_b.inverse());
         self
     }
@@ -125,10 +110,11 @@ impl Assembly<'_> {
         }
         clusters.sort_by(|x, y| y.2.total_cmp(&x.2));
         clusters.truncate(CLUSTERS);
-        let proposal = |(a_from_b, pair, promise)| PairProposal { a_from_b, pair, promise };
+        let promise = clusters.first().map_or(0.0, |c| c.2);
         let mut link = Link {
             pairs,
-            proposals: clusters.into_iter().map(proposal).collect(),
+            proposals: clusters.into_iter().map(|(motion, pair, _)| (motion, pair)).collect(),
+            promise,
             assessed: None,
             tried: false,
         };
@@ -147,8 +133,7 @@ impl Assembly<'_> {
 
     /// Links of the components in `gone` become links of `id`, in which the component `kept` has kept its
     /// frame and its poses, if one has. What is known of a link of that one stays where the newcomers
-    /// have nothing to say to it: evidence that cannot have changed is not measured again. Nor is that of
-    /// a link which is not worth a trial, where the newcomers' matches promise no more.
+    /// have nothing to say to it: evidence that cannot have changed is not measured again.
     pub(super) fn replace_links(
         &mut self,
         gone: &[ComponentId],
@@ -177,20 +162,9 @@ impl Assembly<'_> {
                 {
                     return (key, links.remove(0).1);
                 }
-                let mut pairs: Vec<usize> = links.iter().flat_map(|l| &l.1.pairs).copied().collect();
+                let mut pairs: Vec<usize> = links.into_iter().flat_map(|l| l.1.pairs).collect();
                 pairs.sort_unstable();
-                let made = self.link(key, pairs);
-                let former = links.iter().find(|(side, _)| kept.is_some_and(|k| k.0 == *side));
-                let unmeasured = |l: &Link| l.assessed.is_none() || self.is_hopeless(l);
-                if let Some((_, former)) = former.filter(|_| other < id)
-                    && self.is_hopeless(former)
-                    && links.iter().all(|(_, l)| unmeasured(l))
-                    && self.promises_no_more(&made, former, other)
-                {
-                    // With the promises of the time when it was measured, so that small rises add up.
-                    return (key, Link { pairs: made.pairs, ..former.clone() });
-                }
-                (key, made)
+                (key, self.link(key, pairs))
             })
             .collect();
         self.links.extend(made);
@@ -244,20 +218,6 @@ impl Assembly<'_> {
         link.assessed.is_some() && assessed.all(|found| self.unrivalled(&found.0.support) < WORTH_TRYING)
     }
 
-    /// Whether no proposal of a link says more than a former state of it did, in the same frames, or next to
-    /// nothing at all; `first` is the link's first component.
-    fn promises_no_more(&self, link: &Link, former: &Link, first: ComponentId) -> bool {
-        let centre = self.centre(first);
-        link.proposals.iter().all(|p| {
-            let b_from_a = p.a_from_b.inverse();
-            let same = |f: &&PairProposal| {
-                same_motion(&f.a_from_b.inverse(), &b_from_a, &centre, self.assessor.radius_m)
-            };
-            let known = former.proposals.iter().filter(same).map(|f| f.promise).fold(0.0, f64::max);
-            p.promise <= known + UNPROMISING
-        })
-    }
-
     /// Whether scans come near those of the component `a` at any pose that a link proposes for it, in the
     /// frame of the link's second component.
     fn reach_any(&self, scans: &[(ScanId, RigidMotion)], a: ComponentId, link: &Link) -> bool {
@@ -270,7 +230,7 @@ impl Assembly<'_> {
         };
         let scans = spheres(scans, &RigidMotion::identity());
         let assessed = link.assessed.iter().flatten().map(|found| found.0.a_from_b);
-        link.proposals.iter().map(|p| p.a_from_b).chain(assessed).any(|a_from_b| {
+        link.proposals.iter().map(|p| p.0).chain(assessed).any(|a_from_b| {
             let others = spheres(&self.components[&a].members, &a_from_b.inverse());
             let radius_m = self.assessor.radius_m;
             scans.iter().any(|(c, r)| others.iter().any(|(d, s)| (c - d).norm() <= r + s + radius_m))
@@ -303,64 +263,5 @@ impl Assembly<'_> {
         // Where a rank does not fit as a whole it is left out, and all after it.
         let first_left_out = ranks.get(self.pairs.len()).copied().unwrap_or(LOOKED_AT);
         rank.into_iter().filter(|r| r.1 < first_left_out).map(|r| r.0).collect()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::{Component, Proposal};
-    use super::*;
-    use crate::geometry::{Direction, Point};
-    use crate::registration::assessment::Assessor;
-    use crate::registration::config::RegistrationConfig;
-    use crate::registration::pairs::ScanPair;
-    use crate::registration::scan_model::ScanModel;
-    use crate::scan::{Support, Surface};
-
-    #[test]
-    fn what_is_known_of_a_hopeless_link_stands_until_newcomers_give_it_a_chance() {
-        let points = vec![Point::new(-0.1, 0.0, 0.0), Point::new(0.1, 0.0, 0.0)];
-        let surface = Surface { normals: vec![Direction::z(); 2], points, ..Surface::default() };
-        let config = RegistrationConfig::default();
-        let models: Vec<ScanModel<'_>> =
-            (0..4).map(|_| ScanModel::with_sizes(&surface, 0.07, 2, 0.14)).collect();
-        let assessor = Assessor { models: &models, config: &config, radius_m: 0.07, sight_trusted: false };
-        // Without inliers it is hopeless for groups, whatever a pair of scans says.
-        let assessed = |(probability, x): (f64, f64)| Assessment {
-            a_from_b: RigidMotion::translation(x, 0.0, 0.0),
-            support: Support { probability: Some(probability), ..Support::default() },
-        };
-        let pair = |i: usize, j: usize, says: (f64, f64)| ScanPair {
-            i: ScanId(i),
-            j: ScanId(j),
-            matches: Box::default(),
-            hypotheses: vec![assessed(says)],
-        };
-        // What is known of scan 3 and of what scans 0, 1 and 2 become by joining one after the other at one
-        // place: each of the three says of scan 3 how probable it is, and where.
-        let joined = |says: [(f64, f64); 3]| {
-            let scans = [0, 1, 2, 3].map(ScanId);
-            let mut assembly = Assembly::new(&assessor, vec![&[]; 4], &scans);
-            let chain = [pair(0, 1, (0.99, 0.0)), pair(0, 2, (0.99, 0.0))];
-            let with_3 = says.into_iter().enumerate().map(|(i, s)| pair(i, 3, s));
-            assembly.add_pairs(chain.into_iter().chain(with_3).collect());
-            for (a, b) in [(0, 1), (2, 4)] {
-                assembly.join(&Proposal { a, b, assessment: assessed((0.99, 0.0)), pair: a / 2 });
-            }
-            let Component { members, .. } = &assembly.components[&5];
-            let link = &assembly.links[&(3, 5)];
-            assert_eq!((members.len(), link.pairs.as_slice()), (3, [2, 3, 4].as_slice()));
-            link.assessed.clone()
-        };
-        let stands = |says: (f64, f64)| {
-            Some(vec![(Assessment { a_from_b: assessed(says).a_from_b.inverse(), ..assessed(says) }, 2)])
-        };
-        assert_eq!(joined([(0.9, 1.0), (0.004, 1.0), (0.004, 7.0)]), stands((0.9, 1.0)));
-        // More at the same place, or at another one.
-        assert_eq!(joined([(0.9, 1.0), (0.004, 1.0), (0.05, 1.0)]), None);
-        assert_eq!(joined([(0.9, 1.0), (0.004, 1.0), (0.05, 7.0)]), None);
-        // A little from each adds up.
-        assert_eq!(joined([(0.005, 1.0), (0.008, 1.0), (0.001, 1.0)]), stands((0.005, 1.0)));
-        assert_eq!(joined([(0.005, 1.0), (0.008, 1.0), (0.008, 1.0)]), None);
     }
 }
