@@ -41,6 +41,7 @@ pub mod preparation;
 pub mod registration;
 pub mod report;
 pub mod retrieval;
+pub mod run_folder;
 pub mod scan;
 pub mod synchronization;
 pub mod synthetic;

@@ -9,6 +9,7 @@ use scanweave::pipeline::FeatureSource;
 use scanweave::report::chart::{self, Panel, Series};
 use scanweave::retrieval::scores::RetrievalScores;
 use scanweave::retrieval::train::{Record, TrainReport, train};
+use scanweave::run_folder;
 use scanweave::training::descriptor::DescriptorRecipe;
 use scanweave::training::{self, Recipe};
 use scanweave::{Error, io};
@@ -91,14 +92,10 @@ impl RunOptions {
 
     /// Writes the recipe beside the run, and removes an old one where that was asked for.
     fn begin(&self, recipe: &str) -> Result<(), Error> {
-        io::atomic::write(&self.output().join("recipe.toml"), |out| out.write_all(recipe.as_bytes()))?;
+        io::atomic::write(&self.output().join(run_folder::RECIPE), |out| out.write_all(recipe.as_bytes()))?;
         if self.force { remove_old_run(self.output()) } else { Ok(()) }
     }
 }
-
-/// What a run leaves in its folder.
-const FILES: [&str; 5] =
-    ["best.safetensors", "last.safetensors", "metrics.jsonl", "curves.svg", "final.safetensors"];
 
 pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
     match arguments.other {
@@ -130,7 +127,7 @@ fn train_descriptor(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Resu
     let data = training::descriptor::load(&recipe, options.data_root(), &progress)?;
     options.begin(&recipe.to_toml()?)?;
     let report = spinnet::train::train(&data, &recipe.train, options.output(), options.resume, &progress)?;
-    write_curves(&options.output().join(FILES[3]), &report.records)?;
+    write_curves(&options.output().join(run_folder::CURVES), &report.records)?;
     if !verbosity.quiet {
         for record in report.records.iter().filter(|r| r.accuracy.is_some()) {
             terminal::print_line(&format!(
@@ -168,13 +165,14 @@ fn write_curves(path: &Path, records: &[spinnet::train::Record]) -> Result<(), E
 /// Makes the folder, and refuses it before hours are spent on features.
 fn open(arguments: &RunOptions) -> Result<(), Error> {
     let folder = arguments.output();
-    let held = FILES[..2].iter().any(|name| folder.join(name).exists());
+    let held = [run_folder::BEST, run_folder::LAST].iter().any(|name| folder.join(name).exists());
     if held && !arguments.resume && !arguments.force {
         return Err(Error::OutputExists { path: folder.to_path_buf() });
     }
-    if arguments.resume && !folder.join(FILES[1]).exists() {
+    let last = folder.join(run_folder::LAST);
+    if arguments.resume && !last.exists() {
         return Err(Error::file(
-            folder.join(FILES[1]),
+            last,
             "no such file",
             "the checkpoint of a run to go on from",
             "name the folder of that run, or start one without --resume",
@@ -185,7 +183,9 @@ fn open(arguments: &RunOptions) -> Result<(), Error> {
 }
 
 fn remove_old_run(folder: &Path) -> Result<(), Error> {
-    FILES.iter().map(|name| folder.join(name)).try_for_each(|path| match std::fs::remove_file(&path) {
+    run_folder::OF_A_RUN.iter().map(|name| folder.join(name)).try_for_each(|path| match std::fs::remove_file(
+        &path,
+    ) {
         Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::write(path, e)),
         _ => Ok(()),
     })

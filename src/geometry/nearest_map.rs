@@ -40,7 +40,103 @@ impl std::hash::Hasher for KeyHasher {
     }
 }
 
-type Blocks = HashMap<u64, u32, std::hash::BuildHasherDefault<KeyHasher>>;
+/// Which blocks are kept, and the number of each.
+enum Blocks {
+    /// Of blocks close together: those of a box, one a bit, in an order in which the last coordinate runs
+    /// fastest. A block's number is that of the bits before it.
+    Boxed {
+        low: [i32; 3],
+        size: [u32; 3],
+        /// The bits, and how many are set in the words before.
+        words: Vec<(u64, u32)>,
+    },
+    /// Of blocks far apart.
+    Scattered(HashMap<u64, u32, std::hash::BuildHasherDefault<KeyHasher>>),
+}
+
+impl Blocks {
+    /// The blocks of points and all their neighbours.
+    fn around(of_points: impl Iterator<Item = [i32; 3]> + Clone) -> Self {
+        /// Blocks of the box for every one with points, at most: a bit each, which is little beside its voxels.
+        const ROOMY: u64 = 1024;
+        let Some(first) = of_points.clone().next() else { return Self::Scattered(HashMap::default()) };
+        let (mut low, mut high, mut count) = (first, first, 0);
+        for block in of_points.clone() {
+            low = std::array::from_fn(|a| low[a].min(block[a]));
+            high = std::array::from_fn(|a| high[a].max(block[a]));
+            count += 1;
+        }
+        let low = low.map(|l| l.saturating_sub(1));
+        let size: [u32; 3] = std::array::from_fn(|a| high[a].abs_diff(low[a]).saturating_add(2));
+        let volume = size.iter().fold(1u64, |v, &s| v.saturating_mul(s.into()));
+        if volume > ROOMY * count {
+            let mut numbers = HashMap::default();
+            for block in of_points.flat_map(neighbours) {
+                let next = numbers.len() as u32;
+                numbers.entry(key(block)).or_insert(next);
+            }
+            numbers.shrink_to_fit();
+            return Self::Scattered(numbers);
+        }
+        let mut words = vec![(0u64, 0u32); volume.div_ceil(64) as usize];
+        for block in of_points.flat_map(neighbours) {
+            if let Some(bit) = bit(block, low, size) {
+                words[bit / 64].0 |= 1 << (bit % 64);
+            }
+        }
+        let mut before = 0;
+        for word in &mut words {
+            word.1 = before;
+            before += word.0.count_ones();
+        }
+        Self::Boxed { low, size, words }
+    }
+
+    fn len(&self) -> usize {
+        match self {
+            Self::Boxed { words, .. } => words.last().map_or(0, |w| w.1 + w.0.count_ones()) as usize,
+            Self::Scattered(numbers) => numbers.len(),
+        }
+    }
+
+    /// Number of a block that is kept.
+    #[inline]
+    fn get(&self, block: [i32; 3]) -> Option<u32> {
+        match self {
+            Self::Boxed { low, size, words } => {
+                let bit = bit(block, *low, *size)?;
+                let (word, before) = words[bit / 64];
+                let at = 1u64 << (bit % 64);
+                (word & at != 0).then(|| before + (word & (at - 1)).count_ones())
+            }
+            Self::Scattered(numbers) => numbers.get(&key(block)).copied(),
+        }
+    }
+}
+
+/// A block and the 26 around it.
+fn neighbours(block: [i32; 3]) -> [[i32; 3]; 27] {
+    std::array::from_fn(|n| {
+        let n = n as i32;
+        [block[0] + n / 9 - 1, block[1] + n / 3 % 3 - 1, block[2] + n % 3 - 1]
+    })
+}
+
+/// Place of a block among those of a box.
+#[inline]
+fn bit(block: [i32; 3], low: [i32; 3], size: [u32; 3]) -> Option<usize> {
+    let at: [u32; 3] = std::array::from_fn(|a| block[a].wrapping_sub(low[a]) as u32);
+    let within = at[0] < size[0] && at[1] < size[1] && at[2] < size[2];
+    within.then(|| (at[0] as usize * size[1] as usize + at[1] as usize) * size[2] as usize + at[2] as usize)
+}
+
+/// The largest whole number that is no greater; the same as `floor`, which is a call on processors
+/// of the baseline.
+#[inline]
+fn whole(x: f32) -> i32 {
+    let truncated = x as i32;
+    truncated.saturating_sub(i32::from(truncated as f32 > x))
+}
 
 /// For every place within a radius of some points, one of them that is nearest up to a voxel.
 ///
@@ -94,22 +190,23 @@ impl NearestMap {
         let origin =
             if points.is_empty() { Point::origin() } else { low - nalgebra::Vector3::repeat(radius_m) };
         let per_metre = VOXELS_PER_RADIUS / radius_m;
-        let mut map =
-            Self { per_metre, origin, blocks: Blocks::default(), nearest: Indices::Few(Vec::new()) };
+        let blocks = Blocks::Scattered(HashMap::default());
+        let mut map = Self { per_metre, origin, blocks, nearest: Indices::Few(Vec::new()) };
         // Block by block: the blocks around are found once for all points of one.
         let mut order: Vec<([i32; 3], u32)> =
             points.iter().zip(0..).map(|(p, i)| (map.voxel(p).map(|v| v.div_euclid(SIDE)), i)).collect();
         order.sort_unstable();
         let of_blocks: Vec<_> = order.chunk_by(|one, other| one.0 == other.0).collect();
-        let around: Vec<[u32; 27]> = of_blocks.iter().map(|of| map.blocks_around(of[0].0)).collect();
-        map.blocks.shrink_to_fit();
+        map.blocks = Blocks::around(of_blocks.iter().map(|of| of[0].0));
         // What stays is allocated at its full size before what goes.
         let voxels = map.blocks.len() * BLOCK;
         map.nearest = Indices::new(voxels, points.len());
         let mut squared = vec![f32::INFINITY; voxels];
-        for (of_block, around) in of_blocks.iter().zip(&around) {
-            for &(block, i) in *of_block {
-                map.offer(i, &points[i as usize], block, around, &mut squared);
+        for of_block in of_blocks {
+            // All of them are kept.
+            let around = neighbours(of_block[0].0).map(|block| map.blocks.get(block).unwrap_or(0));
+            for &(block, i) in of_block {
+                map.offer(i, &points[i as usize], block, &around, &mut squared);
             }
         }
         map
@@ -119,17 +216,7 @@ impl NearestMap {
     #[inline]
     fn voxel(&self, place: &Point) -> [i32; 3] {
         let at = (place - self.origin) * self.per_metre;
-        [at.x.floor() as i32, at.y.floor() as i32, at.z.floor() as i32]
-    }
-
-    /// Numbers of a block and its 26 neighbours, which are numbered where they are new.
-    fn blocks_around(&mut self, block: [i32; 3]) -> [u32; 27] {
-        std::array::from_fn(|n| {
-            let n = n as i32;
-            let at = [block[0] + n / 9 - 1, block[1] + n / 3 % 3 - 1, block[2] + n % 3 - 1];
-            let next = self.blocks.len() as u32;
-            *self.blocks.entry(key(at)).or_insert(next)
-        })
+        [whole(at.x), whole(at.y), whole(at.z)]
     }
 
     /// Offers a point to all voxels that places within the radius of it lie in; of equally near
@@ -140,7 +227,7 @@ impl NearestMap {
         let at = (p - self.origin) * self.per_metre - corner;
         let limit = REACH * REACH;
         let span = |a: usize| {
-            let (low, high) = ((at[a] - REACH).ceil() as i32, (at[a] + REACH).floor() as i32);
+            let (low, high) = (-whole(REACH - at[a]), whole(at[a] + REACH));
             low.max(0)..=high.min(3 * SIDE - 1)
         };
         for x in span(0) {
@@ -152,7 +239,10 @@ impl NearestMap {
                 }
                 let row = (x / SIDE * 9 + y / SIDE * 3) as usize;
                 let within = ((x % SIDE * SIDE + y % SIDE) * SIDE) as usize;
-                for z in span(2) {
+                // The check below decides; this leaves out most of what it would refuse.
+                let half = (limit - dy).sqrt() + 1e-3;
+                let (low, high) = (-whole(half - at.z), whole(at.z + half));
+                for z in low.max(0)..=high.min(3 * SIDE - 1) {
                     let d = dy + (z as f32 - at.z).powi(2);
                     let voxel =
                         around[row + (z / SIDE) as usize] as usize * BLOCK + within + (z % SIDE) as usize;
@@ -172,7 +262,7 @@ impl NearestMap {
     pub fn near(&self, place: &Point) -> Option<usize> {
         let voxel = self.voxel(place);
         let block = voxel.map(|v| v.div_euclid(SIDE));
-        let start = *self.blocks.get(&key(block))? as usize * BLOCK;
+        let start = self.blocks.get(block)? as usize * BLOCK;
         let within = voxel.map(|v| v.rem_euclid(SIDE));
         self.nearest.get(start + ((within[0] * SIDE + within[1]) * SIDE + within[2]) as usize)
     }
@@ -212,6 +302,31 @@ mod tests {
                     (None, least) => prop_assert!(least.is_none_or(|d| d > radius_m - 1e-5)),
                 }
             }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn blocks_in_a_box_and_scattered_ones_give_the_same(
+            points in places(1..120), queries in places(1..60), radius_m in 0.3f32..0.9,
+        ) {
+            let close = NearestMap::new(&points, radius_m);
+            // Higher in every coordinate, so that voxels are counted from the same corner.
+            let mut with_one_far_away = points.clone();
+            with_one_far_away.push(Point::new(1e4, 1e4, 1e4));
+            let scattered = NearestMap::new(&with_one_far_away, radius_m);
+            let boxed = |map: &NearestMap| matches!(map.blocks, Blocks::Boxed { .. });
+            prop_assert_eq!((boxed(&close), boxed(&scattered)), (true, false));
+            for q in &queries {
+                prop_assert_eq!(close.near(q), scattered.near(q));
+            }
+        }
+    }
+
+    #[test]
+    fn whole_numbers_are_those_of_floor() {
+        for x in [-3.0f32, -2.5, -0.0, 0.0, 0.5, 2.0, 2.9999998, -1e-30, 1e9, -1e9, 1e30, -1e30, f32::NAN] {
+            assert_eq!(whole(x), x.floor() as i32, "{x}");
         }
     }
 

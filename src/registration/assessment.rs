@@ -10,6 +10,7 @@ use crate::geometry::RigidMotion;
 use crate::geometry::fit::fit_rigid;
 use crate::scan::Support;
 use nalgebra::Point3;
+use rayon::prelude::*;
 
 /// A proposal is worth a look at the surfaces when it has one in so many of the inliers of the best.
 pub(super) const RIVAL: usize = 8;
@@ -64,27 +65,46 @@ impl Assessor<'_> {
         let centre = centre_of(b);
         // Motion, inliers, and the stride that its evidence is measured with; the rest are rivals only.
         let mut distinct: Vec<(RigidMotion, Vec<usize>, Option<usize>)> = Vec::new();
-        let mut most = 0;
-        for proposal in proposals {
-            let fitted = self.fit_matches(a, b, proposal, matches);
-            let inliers = matches.count(&fitted, self.radius_m);
-            let aligned = (inliers * RIVAL >= most)
-                .then(|| self.aligned(a, b, &fitted, matches, (inliers, most == 0)))
-                .flatten();
-            most = most.max(inliers);
-            let (motion, stride) = aligned.map_or((fitted, None), |(motion, stride)| (motion, Some(stride)));
-            let found = (motion, matches.inliers(&motion, self.radius_m), stride);
-            match distinct.iter_mut().find(|d| same_motion(&d.0, &motion, &centre, self.radius_m)) {
+        let fitted: Vec<(RigidMotion, usize)> = proposals
+            .par_iter()
+            .map(|proposal| {
+                let motion = self.fit_matches(a, b, proposal, matches);
+                (motion, matches.count(&motion, self.radius_m))
+            })
+            .collect();
+        // Side by side, as every one needs to know of those before it only how many inliers they have.
+        let most_before = fitted.iter().scan(0, |most, fitted| {
+            let before = *most;
+            *most = before.max(fitted.1);
+            Some(before)
+        });
+        let known: Vec<(&(RigidMotion, usize), usize)> = fitted.iter().zip(most_before).collect();
+        let aligned: Vec<(RigidMotion, Vec<usize>, Option<usize>)> = known
+            .into_par_iter()
+            .map(|(&(fitted, inliers), most)| {
+                let aligned = (inliers * RIVAL >= most)
+                    .then(|| self.aligned(a, b, &fitted, matches, (inliers, most == 0)))
+                    .flatten();
+                let (motion, stride) =
+                    aligned.map_or((fitted, None), |(motion, stride)| (motion, Some(stride)));
+                (motion, matches.inliers(&motion, self.radius_m), stride)
+            })
+            .collect();
+        for found in aligned {
+            match distinct.iter_mut().find(|d| same_motion(&d.0, &found.0, &centre, self.radius_m)) {
                 None => distinct.push(found),
                 // One that was aligned stands for one that was not.
-                Some(other) if stride.is_some() && other.2.is_none() => *other = found,
+                Some(other) if found.2.is_some() && other.2.is_none() => *other = found,
                 Some(_) => {}
             }
         }
         distinct.sort_by_key(|d| std::cmp::Reverse(d.1.len()));
-        let considered = (0..distinct.len()).filter_map(|h| Some((h, distinct[h].2?)));
-        let mut assessed: Vec<Assessment> = considered
+        let considered: Vec<(usize, usize)> = (0..distinct.len())
+            .filter_map(|h| Some((h, distinct[h].2?)))
             .take(if a.len().min(b.len()) > 1 { 2 } else { 1 } * self.config.evidence.hypotheses)
+            .collect();
+        let mut assessed: Vec<Assessment> = considered
+            .into_par_iter()
             .map(|(h, stride)| {
                 let (a_from_b, inliers, _) = &distinct[h];
                 let others = distinct.iter().enumerate().filter(|o| o.0 != h).map(|o| o.1.1.as_slice());

@@ -9,6 +9,7 @@ use super::scan_model::ScanModel;
 use crate::geometry::rigid::PointMover;
 use crate::geometry::{Point, RigidMotion};
 use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
+use rayon::prelude::*;
 
 /// Normals within this agree: cosine of 45°.
 const AGREEING: f32 = std::f32::consts::FRAC_1_SQRT_2;
@@ -191,19 +192,30 @@ fn pass(
         [(a, &identity, b, a_from_b), (b, a_from_b, a, &identity)].into_iter().enumerate()
     {
         let to_poses: Vec<RigidMotion> = to.iter().map(|t| to_motion * t.group_from_scan).collect();
-        for (f, scan) in from.iter().enumerate() {
-            let world_from_scan = from_motion * scan.group_from_scan;
-            let mut points = Touches::new(scan.model, &world_from_scan, stride);
-            for (t, (other, world_from_other)) in to.iter().zip(&to_poses).enumerate() {
-                if known.as_ref().is_some_and(|k| k.binary_search(&(side, f, t)).is_err()) {
-                    continue;
+        let judge_sight = contacts.is_none();
+        // Scans side by side; summed up in their order, so that the sums are the same to the bit.
+        let compared: Vec<(Touches<'_>, Vec<Contact>)> = from
+            .par_iter()
+            .enumerate()
+            .map(|(f, scan)| {
+                let mut points = Touches::new(scan.model, from_motion * scan.group_from_scan, stride);
+                let mut touching = Vec::new();
+                for (t, (other, world_from_other)) in to.iter().zip(&to_poses).enumerate() {
+                    if known.as_ref().is_some_and(|k| k.binary_search(&(side, f, t)).is_err()) {
+                        continue;
+                    }
+                    if points.compare(other.model, world_from_other, judge_sight) {
+                        touching.push((side, f, t));
+                    }
                 }
-                let touched = points.compare(other.model, world_from_other, contacts.is_none());
-                if let (true, None, Some(found)) = (touched, &known, contacts.as_deref_mut()) {
-                    found.push((side, f, t));
-                }
-            }
+                (points, touching)
+            })
+            .collect();
+        for (points, touching) in compared {
             points.add_to(&mut sums, side);
+            if let (None, Some(found)) = (&known, contacts.as_deref_mut()) {
+                found.extend(touching);
+            }
         }
     }
     sums
@@ -212,14 +224,14 @@ fn pass(
 /// The sampled points of one scan while the scans of the other group are gone through.
 struct Touches<'a> {
     model: &'a ScanModel<'a>,
-    world_from_scan: &'a RigidMotion,
+    world_from_scan: RigidMotion,
     rows: Vec<usize>,
     touches: Vec<Touch>,
     violated: Vec<bool>,
 }
 
 impl<'a> Touches<'a> {
-    fn new(model: &'a ScanModel<'a>, world_from_scan: &'a RigidMotion, stride: usize) -> Self {
+    fn new(model: &'a ScanModel<'a>, world_from_scan: RigidMotion, stride: usize) -> Self {
         let rows: Vec<usize> = model.sample.iter().step_by(stride).map(|&i| i as usize).collect();
         let (touches, violated) = (vec![Touch::Nothing; rows.len()], vec![false; rows.len()]);
         Self { model, world_from_scan, rows, touches, violated }

@@ -2,6 +2,7 @@
 
 use super::validation::Validation;
 use crate::error::{Error, Result};
+use crate::run_folder;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -44,11 +45,6 @@ pub(super) struct Journal {
 }
 
 impl Journal {
-    /// Name of the log in the output folder.
-    pub const FILE: &'static str = "metrics.jsonl";
-    /// Name of the picture in the output folder.
-    pub const CURVES: &'static str = "curves.svg";
-
     pub fn new(folder: &Path) -> Self {
         Self { folder: folder.to_path_buf(), records: Vec::new() }
     }
@@ -59,7 +55,7 @@ impl Journal {
     /// When the file is there and cannot be read as a log.
     pub fn resume(folder: &Path, epoch: usize) -> Result<Self> {
         let mut journal = Self::new(folder);
-        let path = folder.join(Self::FILE);
+        let path = folder.join(run_folder::METRICS);
         let text = match std::fs::read_to_string(&path) {
             Ok(text) => text,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(journal),
@@ -82,12 +78,12 @@ impl Journal {
         let mut lines = String::new();
         for record in &self.records {
             let line = serde_json::to_string(record)
-                .map_err(|e| Error::write(self.folder.join(Self::FILE), std::io::Error::other(e)))?;
+                .map_err(|e| Error::write(self.folder.join(run_folder::METRICS), std::io::Error::other(e)))?;
             lines += &line;
             lines.push('\n');
         }
-        replace(&self.folder.join(Self::FILE), lines.as_bytes())?;
-        let path = self.folder.join(Self::CURVES);
+        replace(&self.folder.join(run_folder::METRICS), lines.as_bytes())?;
+        let path = self.folder.join(run_folder::CURVES);
         let picture = curves(&self.records).map_err(|e| Error::write(&path, std::io::Error::other(e)))?;
         replace(&path, picture.as_bytes())
     }
@@ -210,9 +206,9 @@ mod tests {
         journal.save().unwrap();
         let resumed = Journal::resume(folder.path(), 1).unwrap();
         assert_eq!(resumed.records, vec![baseline, epoch(1, None)]);
-        let svg = std::fs::read_to_string(folder.path().join(Journal::CURVES)).unwrap();
+        let svg = std::fs::read_to_string(folder.path().join(run_folder::CURVES)).unwrap();
         assert!(svg.contains("training loss") && svg.contains("mean pooling") && svg.contains("<polyline"));
-        std::fs::write(folder.path().join(Journal::FILE), "{").unwrap();
+        std::fs::write(folder.path().join(run_folder::METRICS), "{").unwrap();
         let message = Journal::resume(folder.path(), 1).err().unwrap().to_string();
         assert!(message.contains("line 1"), "{message}");
     }

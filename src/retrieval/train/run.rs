@@ -10,6 +10,7 @@ use crate::error::{Error, Result};
 use crate::monitor::Monitor;
 use crate::retrieval::checkpoint::{Checkpoint, CheckpointMeta, DataSummary, FORMAT_VERSION, OptimizerState};
 use crate::retrieval::{SimilaritySource, generator};
+use crate::run_folder;
 use burn::tensor::Device;
 use rand::seq::SliceRandom;
 use std::collections::BTreeMap;
@@ -233,7 +234,7 @@ impl<'a> Run<'a> {
 }
 
 fn checkpoints(out_dir: &Path) -> (PathBuf, PathBuf) {
-    (out_dir.join("best.safetensors"), out_dir.join("last.safetensors"))
+    (out_dir.join(run_folder::BEST), out_dir.join(run_folder::LAST))
 }
 
 /// Six decimals: the JSON of a checkpoint gives such a number back exactly.

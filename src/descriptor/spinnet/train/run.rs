@@ -9,6 +9,7 @@ use crate::descriptor::spinnet::patch::Patch;
 use crate::descriptor::spinnet::{Network, Workspace};
 use crate::error::{Error, Result};
 use crate::monitor::Monitor;
+use crate::run_folder;
 use crate::tensor_file::{self, Array};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -20,7 +21,6 @@ use std::time::Instant;
 const STAGE: &str = "training";
 const ACCURACY: &str = "accuracy";
 const BEST: &str = "best_accuracy";
-const LOG: &str = "metrics.jsonl";
 /// Pairs of a scene that validation looks at.
 const VALIDATED: usize = 512;
 
@@ -127,7 +127,7 @@ struct Run<'a> {
 
 impl<'a> Run<'a> {
     fn open(data: &'a PairData, config: &'a TrainConfig, folder: &Path, resume: bool) -> Result<Self> {
-        let (best, last) = (folder.join("best.safetensors"), folder.join("last.safetensors"));
+        let (best, last) = (folder.join(run_folder::BEST), folder.join(run_folder::LAST));
         // Plain numbers and names always have a JSON form.
         let settings = serde_json::to_value(config).unwrap_or_default();
         let recipe = serde_json::json!({ "train": settings, "data": digest(data) });
@@ -146,7 +146,7 @@ impl<'a> Run<'a> {
             run.read_last()?;
             if run.state.steps < config.steps {
                 // Of a run that is prolonged.
-                let _ = std::fs::remove_file(run.folder.join("final.safetensors"));
+                let _ = std::fs::remove_file(run.folder.join(run_folder::FINAL));
             }
         } else if run.last.exists() || run.best.exists() {
             return Err(Error::OutputExists { path: folder.to_path_buf() });
@@ -181,7 +181,7 @@ impl<'a> Run<'a> {
             state.moments.push((first, second));
         }
         (self.state, self.metrics) = (state, meta.metrics);
-        self.records = read_log(&self.folder.join(LOG), self.state.steps)?;
+        self.records = read_log(&self.folder.join(run_folder::METRICS), self.state.steps)?;
         Ok(())
     }
 
@@ -210,7 +210,7 @@ impl<'a> Run<'a> {
             checkpoint.save(&self.best)?;
         }
         if last_step {
-            checkpoint.save(&self.folder.join("final.safetensors"))?;
+            checkpoint.save(&self.folder.join(run_folder::FINAL))?;
         }
         let mut arrays = checkpoint.weights.to_arrays();
         for (p, (value, (first, second))) in self.state.parameters.iter().zip(&self.state.moments).enumerate()
@@ -240,7 +240,7 @@ impl<'a> Run<'a> {
     }
 
     fn write_log(&self) -> Result<()> {
-        let path = self.folder.join(LOG);
+        let path = self.folder.join(run_folder::METRICS);
         let fail = |e: std::io::Error| Error::write(&path, e);
         let mut file = tempfile::NamedTempFile::new_in(&self.folder).map_err(fail)?;
         for record in &self.records {
