@@ -3,8 +3,9 @@
 //! Usage: `cargo run --release --example global_methods -- [--keypoints N] [--preset NAME]
 //! [--set KEY=VALUE] [--features DIR] [--weights LITS_FILE] [--cache DIR] [--no-incremental] DATA SCENE…`
 //!
-//! Features are computed, or read from DIR/SCENE/<scan>.npz. Of the settings by `--set` the run of the preset
-//! `default` takes over those of the descriptor.
+//! Features are computed, or read from DIR/SCENE/<scan>.npz: N keypoints a scan (2500), a sample where
+//! more are given. Of the settings by `--set` the run of the preset `default` takes over those of the
+//! descriptor.
 //!
 //! DATA holds 3dmatch/SCENE/PointCloud and benchmarks/{3DMatch,3DLoMatch}/SCENE. For every scene
 //! and pose graph the pairs are registered once, and every method gets the same graph; no
@@ -15,6 +16,7 @@
 
 use scanweave::config::{Layers, Method as Choice};
 use scanweave::descriptor::DescriptorKind;
+use scanweave::descriptor::keypoints::subsample;
 use scanweave::evaluation::recall::{RecallConfig, RecallReport, registration_recall};
 use scanweave::geometry::RigidMotion;
 use scanweave::geometry::rigid::{rotation_error_rad, translation_error_m};
@@ -36,6 +38,7 @@ struct Options {
     lits: Option<LitsWeights>,
     features: Option<PathBuf>,
     cache: Option<PathBuf>,
+    keypoints: usize,
     incremental: bool,
     data: PathBuf,
     scenes: Vec<String>,
@@ -108,7 +111,7 @@ fn options() -> Result<Options, Failure> {
         config.descriptor.kind = DescriptorKind::Precomputed;
     }
     let data = PathBuf::from(rest.remove(0));
-    Ok(Options { config, lits, features, cache, incremental, data, scenes: rest })
+    Ok(Options { config, lits, features, cache, keypoints, incremental, data, scenes: rest })
 }
 
 /// Lines of one scene, each with its place in the table and its label.
@@ -126,7 +129,10 @@ fn scene(options: &Options, name: &str) -> Result<Vec<(usize, String, Line)>, Fa
     };
     std::fs::create_dir_all(&folder)?;
     let given = match &options.features {
-        Some(features) => Some(pipeline::read_features(&features.join(name), &scans, &Silent)?),
+        Some(features) => {
+            let all = pipeline::read_features(&features.join(name), &scans, &Silent)?;
+            Some(all.iter().map(|f| subsample(f, options.keypoints, 0)).collect::<Vec<_>>())
+        }
         None => None,
     };
     let source = given.as_deref().map_or(FeatureSource::Cached(&folder), FeatureSource::Given);
