@@ -67,7 +67,11 @@ impl Spread {
     pub fn add(&mut self, offset: Vector3<f64>) {
         self.count += 1;
         self.sum += offset;
-        self.square += offset * offset.transpose();
+        // Only what is below the diagonal is read.
+        let [x, y, z] = *offset.as_ref();
+        for (at, product) in [(0, x * x), (1, y * x), (2, z * x), (4, y * y), (5, z * y), (8, z * z)] {
+            self.square[at] += product;
+        }
     }
 
     /// Direction of least variance about the mean; none where points are fewer than three or

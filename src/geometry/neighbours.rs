@@ -76,7 +76,9 @@ pub struct RadiusGrid<'a> {
     points: &'a [Point],
     radius_m: f32,
     cells: HashMap<[i32; 3], (u32, u32), CellHasher>,
+    /// Points in the order of their cells, and their coordinates in that order, axis by axis.
     order: Vec<u32>,
+    coordinates: [Vec<f32>; 3],
     /// Box around the points, grown by the radius: nothing outside it has a neighbour.
     reach: (Point, Point),
 }
@@ -131,7 +133,9 @@ impl<'a> RadiusGrid<'a> {
             (Point::from([f32::INFINITY; 3]), Point::from([f32::NEG_INFINITY; 3])),
             |(low, high), p| (low.inf(&(p - grown)), high.sup(&(p + grown))),
         );
-        Self { points, radius_m, cells, order: keyed.into_iter().map(|(_, i)| i).collect(), reach }
+        let order: Vec<u32> = keyed.into_iter().map(|(_, i)| i).collect();
+        let coordinates = [0, 1, 2].map(|axis| order.iter().map(|&i| points[i as usize][axis]).collect());
+        Self { points, radius_m, cells, order, coordinates, reach }
     }
 
     /// The indexed points.
@@ -170,13 +174,45 @@ impl<'a> RadiusGrid<'a> {
             for y in low[1]..=high[1] {
                 for z in low[2]..=high[2] {
                     let Some(&(start, end)) = self.cells.get(&[x, y, z]) else { continue };
-                    for &i in &self.order[start as usize..end as usize] {
-                        let d = (self.points[i as usize] - query).norm_squared();
-                        if d <= limit {
-                            visit(i as usize, d);
-                        }
-                    }
+                    self.visit_within(query, limit, start as usize..end as usize, &mut visit);
                 }
+            }
+        }
+    }
+
+    /// Those of the points at these places of the order whose squared distance is at most `limit`.
+    #[inline(always)]
+    fn visit_within(
+        &self,
+        query: &Point,
+        limit: f32,
+        places: std::ops::Range<usize>,
+        visit: &mut impl FnMut(usize, f32),
+    ) {
+        /// Points whose distances are computed side by side.
+        const LANES: usize = 8;
+        let order = &self.order[places.clone()];
+        let [x, y, z] = [0, 1, 2].map(|axis| &self.coordinates[axis][places.clone()]);
+        let squared = |x: f32, y: f32, z: f32| {
+            let (dx, dy, dz) = (x - query.x, y - query.y, z - query.z);
+            dx * dx + dy * dy + dz * dz
+        };
+        let ((xs, x), (ys, y), (zs, z)) =
+            (x.as_chunks::<LANES>(), y.as_chunks::<LANES>(), z.as_chunks::<LANES>());
+        let (orders, order) = order.as_chunks::<LANES>();
+        for (((order, x), y), z) in orders.iter().zip(xs).zip(ys).zip(zs) {
+            let d: [f32; LANES] = std::array::from_fn(|l| squared(x[l], y[l], z[l]));
+            let mut near = (0..LANES).map(|l| u32::from(d[l] <= limit) << l).sum::<u32>();
+            while near != 0 {
+                let l = near.trailing_zeros() as usize;
+                near &= near - 1;
+                visit(order[l] as usize, d[l]);
+            }
+        }
+        for (((&i, &x), &y), &z) in order.iter().zip(x).zip(y).zip(z) {
+            let d = squared(x, y, z);
+            if d <= limit {
+                visit(i as usize, d);
             }
         }
     }

@@ -6,15 +6,17 @@
 //! piece by piece are bit-identical to results computed in one go.
 
 use crate::scan::Descriptors;
-use pulp::bytemuck::cast_slice;
 use rayon::prelude::*;
-use std::slice::from_ref;
 
 const LANES: usize = 16;
-/// Rows that go through the columns together.
-const BLOCK: usize = 8;
+/// Rows that go through the columns together: with two vectors of columns, twelve sums at a time, enough
+/// to keep two multipliers busy from one load to the next.
+const BLOCK: usize = 6;
 /// Rows handled by one task.
-const CHUNK: usize = 512;
+const CHUNK: usize = 85 * BLOCK;
+/// Values of the columns that all rows of a task go through before the next ones are fetched: half of a
+/// small level-one cache.
+const PANEL: usize = 6144;
 
 /// Best counterpart of one descriptor: `score = x·y − ½‖y‖²`, and the index of `y`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -126,23 +128,61 @@ pub fn nearest_both(values: &[f32], ids: &[u32], columns: &Columns) -> Nearest {
 
 fn nearest_chunk(values: &[f32], ids: &[u32], columns: &Columns) -> Nearest {
     let padded = columns.half_norms.len();
-    let mut column_score = vec![f32::NEG_INFINITY; padded];
-    let mut column_index = vec![u32::MAX; padded];
-    let mut of_rows = Vec::with_capacity(ids.len());
-    for block in ids.chunks(BLOCK) {
-        let rows = RowBlock::new(values, block, columns.dim);
-        let kernel =
-            Kernel { rows: &rows, columns, column_score: &mut column_score, column_index: &mut column_index };
-        let best = pulp::Arch::new().dispatch(kernel);
-        of_rows.extend_from_slice(&best[..block.len()]);
+    let blocks: Vec<RowBlock> =
+        ids.chunks(BLOCK).map(|block| RowBlock::new(values, block, columns.dim)).collect();
+    let mut of_columns = Running::new(padded);
+    let mut of_rows = Running::new(blocks.len() * BLOCK * LANES);
+    let panel = (PANEL / (columns.dim * LANES)).max(1) * LANES;
+    for first in (0..padded).step_by(panel) {
+        let range = first..(first + panel).min(padded);
+        let packed = &columns.packed[range.start * columns.dim..range.end * columns.dim];
+        for (b, rows) in blocks.iter().enumerate() {
+            let (column_score, column_index) = of_columns.part(range.clone());
+            let (row_score, row_start) = of_rows.part(b * BLOCK * LANES..(b + 1) * BLOCK * LANES);
+            pulp::Arch::new().dispatch(Kernel {
+                rows,
+                dim: columns.dim,
+                first,
+                packed,
+                half_norms: &columns.half_norms[range.clone()],
+                column_score,
+                column_index,
+                row_score,
+                row_start,
+            });
+        }
     }
-    let of_columns = (0..columns.len)
-        .map(|c| match column_index[c] {
+    let of_row = |r: usize| {
+        let lanes = r * LANES..(r + 1) * LANES;
+        lowest(&of_rows.scores[lanes.clone()], &of_rows.of[lanes])
+    };
+    Nearest {
+        of_rows: (0..ids.len()).map(of_row).collect(),
+        of_columns: (0..columns.len).map(|c| of_columns.best(c)).collect(),
+    }
+}
+
+/// The best so far, lane by lane: scores, and what they belong to.
+struct Running {
+    scores: Vec<f32>,
+    of: Vec<u32>,
+}
+
+impl Running {
+    fn new(lanes: usize) -> Self {
+        Self { scores: vec![f32::NEG_INFINITY; lanes], of: vec![u32::MAX; lanes] }
+    }
+
+    fn part(&mut self, lanes: std::ops::Range<usize>) -> (&mut [f32], &mut [u32]) {
+        (&mut self.scores[lanes.clone()], &mut self.of[lanes])
+    }
+
+    fn best(&self, lane: usize) -> Best {
+        match self.of[lane] {
             u32::MAX => Best::NOBODY,
-            index => Best { score: column_score[c], index },
-        })
-        .collect();
-    Nearest { of_rows, of_columns }
+            index => Best { score: self.scores[lane], index },
+        }
+    }
 }
 
 /// A few rows side by side: `values[d·BLOCK + q]`. A short block repeats its last row,
@@ -167,56 +207,79 @@ impl RowBlock {
     }
 }
 
-/// One block of rows against all columns, in the widest vectors the processor has.
+/// One block of rows against some columns, in the widest vectors the processor has.
 struct Kernel<'a> {
     rows: &'a RowBlock,
-    columns: &'a Columns,
+    dim: usize,
+    /// The first of the columns.
+    first: usize,
+    packed: &'a [f32],
+    half_norms: &'a [f32],
+    /// Of every column, its nearest row.
     column_score: &'a mut [f32],
     column_index: &'a mut [u32],
+    /// Of every row in 16 lanes, its nearest column, as the column of the first lane.
+    row_score: &'a mut [f32],
+    row_start: &'a mut [u32],
 }
 
 impl pulp::WithSimd for Kernel<'_> {
-    type Output = [Best; BLOCK];
+    type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, simd: S) -> [Best; BLOCK] {
-        let Kernel { rows, columns, column_score, column_index } = self;
-        let (vectors, _) = S::as_simd_f32s(&columns.packed);
-        let (halves, _) = S::as_simd_f32s(&columns.half_norms);
-        let (scores, _) = S::as_mut_simd_f32s(column_score);
-        let (indices, _) = S::as_mut_simd_u32s(column_index);
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
+        if S::F32_LANES < LANES { self.compare::<S, 2>(simd) } else { self.compare::<S, 1>(simd) }
+    }
+}
+
+impl Kernel<'_> {
+    /// `W` vectors of columns at a time; as many are in every group of 16.
+    #[inline(always)]
+    fn compare<S: pulp::Simd, const W: usize>(self, simd: S) {
+        let (vectors, _) = S::as_simd_f32s(self.packed);
+        let (halves, _) = S::as_simd_f32s(self.half_norms);
+        let (scores, _) = S::as_mut_simd_f32s(self.column_score);
+        let (indices, _) = S::as_mut_simd_u32s(self.column_index);
+        let (row_scores, _) = S::as_mut_simd_f32s(self.row_score);
+        let (row_starts, _) = S::as_mut_simd_u32s(self.row_start);
         let per_group = LANES / S::F32_LANES;
-        let row_half = rows.half_norms.map(|h| simd.splat_f32s(h));
-        let row_id = rows.ids.map(|id| simd.splat_u32s(id));
-        let mut best_score = [simd.splat_f32s(f32::NEG_INFINITY); BLOCK];
-        let mut best_start = [simd.splat_u32s(u32::MAX); BLOCK];
-        for at in 0..halves.len() {
-            let first = at / per_group * columns.dim * per_group + at % per_group;
-            let mut dot = [simd.splat_f32s(0.0); BLOCK];
-            let column = vectors[first..].iter().step_by(per_group);
-            for (x, &y) in rows.values.chunks_exact(BLOCK).zip(column) {
+        let row_half = self.rows.half_norms.map(|h| simd.splat_f32s(h));
+        let row_id = self.rows.ids.map(|id| simd.splat_u32s(id));
+        let mut best_score: [S::f32s; BLOCK] = std::array::from_fn(|q| row_scores[q * per_group]);
+        let mut best_start: [S::u32s; BLOCK] = std::array::from_fn(|q| row_starts[q * per_group]);
+        let columns = halves.chunks_exact(W).zip(scores.chunks_exact_mut(W)).zip(indices.chunks_exact_mut(W));
+        for (at, ((halves, scores), indices)) in (0..).step_by(W).zip(columns) {
+            let begin = at / per_group * self.dim * per_group + at % per_group;
+            let mut dot = [[simd.splat_f32s(0.0); W]; BLOCK];
+            for (x, y) in self.rows.values.chunks_exact(BLOCK).zip(vectors[begin..].chunks(per_group)) {
+                let Some(y) = y.first_chunk::<W>() else { break };
                 for q in 0..BLOCK {
-                    dot[q] = simd.mul_add_f32s(simd.splat_f32s(x[q]), y, dot[q]);
+                    let x = simd.splat_f32s(x[q]);
+                    for w in 0..W {
+                        dot[q][w] = simd.mul_add_f32s(x, y[w], dot[q][w]);
+                    }
                 }
             }
-            let start = simd.splat_u32s((at * S::F32_LANES) as u32);
-            let (mut score, mut index) = (scores[at], indices[at]);
-            for q in 0..BLOCK {
-                let of_row = simd.sub_f32s(dot[q], halves[at]);
-                let nearer = simd.less_than_f32s(best_score[q], of_row);
-                best_score[q] = simd.select_f32s(nearer, of_row, best_score[q]);
-                best_start[q] = simd.select_u32s(nearer, start, best_start[q]);
-                let of_column = simd.sub_f32s(dot[q], row_half[q]);
-                let nearer = simd.less_than_f32s(score, of_column);
-                score = simd.select_f32s(nearer, of_column, score);
-                index = simd.select_u32s(nearer, row_id[q], index);
+            for w in 0..W {
+                let start = simd.splat_u32s((self.first + (at + w) * S::F32_LANES) as u32);
+                let (mut score, mut index) = (scores[w], indices[w]);
+                for q in 0..BLOCK {
+                    let of_row = simd.sub_f32s(dot[q][w], halves[w]);
+                    let nearer = simd.less_than_f32s(best_score[q], of_row);
+                    best_score[q] = simd.select_f32s(nearer, of_row, best_score[q]);
+                    best_start[q] = simd.select_u32s(nearer, start, best_start[q]);
+                    let of_column = simd.sub_f32s(dot[q][w], row_half[q]);
+                    let nearer = simd.less_than_f32s(score, of_column);
+                    score = simd.select_f32s(nearer, of_column, score);
+                    index = simd.select_u32s(nearer, row_id[q], index);
+                }
+                (scores[w], indices[w]) = (score, index);
             }
-            (scores[at], indices[at]) = (score, index);
         }
-        std::array::from_fn(|q| {
-            let scores: &[f32] = cast_slice(from_ref(&best_score[q]));
-            lowest(scores, cast_slice(from_ref(&best_start[q])))
-        })
+        for q in 0..BLOCK {
+            row_scores[q * per_group] = best_score[q];
+            row_starts[q * per_group] = best_start[q];
+        }
     }
 }
 
@@ -232,6 +295,7 @@ fn lowest(scores: &[f32], starts: &[u32]) -> Best {
 pub(crate) mod tests {
     use super::*;
     use proptest::prelude::*;
+    use rand::{RngExt, SeedableRng};
 
     /// Independent of the kernel: double precision, one pair at a time.
     fn brute(rows: &Descriptors, columns: &Descriptors) -> (Vec<f64>, Vec<f64>) {
@@ -273,9 +337,33 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn rows_of_several_tasks_find_the_nearest_of_several_panels() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+        let mut draw = |n: usize| {
+            let values = (0..40 * n).map(|_| rng.random_range(-1.0f32..1.0)).collect();
+            Descriptors::new(40, values).unwrap().normalized()
+        };
+        let (rows, columns) = (draw(CHUNK + 100), draw(3 * PANEL / 40 - 5));
+        let ids: Vec<u32> = (0..rows.len() as u32).collect();
+        let found = nearest_both(rows.values(), &ids, &Columns::new(&columns));
+        let nearest = |of: &Descriptors, i: usize, among: &Descriptors| {
+            let distance = |j: usize| -> f64 {
+                of.row(i).iter().zip(among.row(j)).map(|(x, y)| (f64::from(*x) - f64::from(*y)).powi(2)).sum()
+            };
+            (0..among.len()).min_by(|&j, &k| distance(j).total_cmp(&distance(k))).unwrap() as u32
+        };
+        for (i, best) in found.of_rows.iter().enumerate() {
+            assert_eq!(best.index, nearest(&rows, i, &columns), "row {i}");
+        }
+        for (j, best) in found.of_columns.iter().enumerate() {
+            assert_eq!(best.index, nearest(&columns, j, &rows), "column {j}");
+        }
+    }
+
+    #[test]
     fn ties_go_to_the_lower_index_in_both_directions() {
-        let same = Descriptors::new(3, [1.0f32, 0.0, 0.0].repeat(40)).unwrap();
-        let ids: Vec<u32> = (0..40).collect();
+        let same = Descriptors::new(40, [1.0f32; 40].repeat(CHUNK + 10)).unwrap();
+        let ids: Vec<u32> = (0..same.len() as u32).collect();
         let found = nearest_both(same.values(), &ids, &Columns::new(&same));
         assert!(found.of_rows.iter().all(|b| b.index == 0));
         assert!(found.of_columns.iter().all(|b| b.index == 0));

@@ -55,7 +55,7 @@ impl Correspondences {
 
     /// Number of matches that `target_from_source` brings within `radius_m`.
     pub fn count(&self, target_from_source: &RigidMotion, radius_m: f64) -> usize {
-        self.count_paired(target_from_source, radius_m, 0)
+        self.count_paired(target_from_source, radius_m, &[0])
     }
 
     /// Number of matches that `target_from_source` would bring within `radius_m` if sources and
@@ -67,60 +67,97 @@ impl Correspondences {
         let chunks = self.source[0].len() / LANES;
         let shifts: Vec<usize> =
             (1..=PAIRINGS).map(|k| k * chunks / (PAIRINGS + 1)).filter(|&shift| shift > 0).collect();
-        let counts = shifts.iter().map(|&shift| self.count_paired(target_from_source, radius_m, shift));
-        counts.sum::<usize>() as f64 / shifts.len().max(1) as f64
+        self.count_paired(target_from_source, radius_m, &shifts) as f64 / shifts.len().max(1) as f64
     }
 
-    fn count_paired(&self, motion: &RigidMotion, radius_m: f64, shift: usize) -> usize {
-        let mut count = 0;
-        self.scan(motion, radius_m, shift, |_, hits| {
-            count += hits.iter().map(|&h| u32::from(h)).sum::<u32>() as usize;
-        });
-        count
-    }
-
-    /// The matches that `target_from_source` brings within `radius_m`, ascending.
-    pub fn inliers(&self, target_from_source: &RigidMotion, radius_m: f64) -> Vec<usize> {
-        let mut found = Vec::new();
-        self.scan(target_from_source, radius_m, 0, |start, hits| {
-            found.extend(hits.iter().enumerate().filter(|h| *h.1).map(|h| start + h.0));
-        });
-        found
-    }
-
-    /// Calls `visit(first match, which of the next 16 are within the radius)`, with the sources of each
-    /// 16 matches paired with the targets of those `shift` sixteens further on.
-    fn scan(
-        &self,
-        motion: &RigidMotion,
-        radius_m: f64,
-        shift: usize,
-        mut visit: impl FnMut(usize, &[bool; LANES]),
-    ) {
+    /// Matches within the radius, over all pairings of every 16 sources with the targets of those so
+    /// many sixteens further on.
+    fn count_paired(&self, motion: &RigidMotion, radius_m: f64, shifts: &[usize]) -> usize {
         let len = self.source[0].len();
-        let r = motion.rotation.to_rotation_matrix().into_inner().cast::<f32>();
-        let t = motion.translation.vector.cast::<f32>();
         let limit = (radius_m * radius_m) as f32;
+        let moved = Moved::new(motion);
+        let mut count = 0;
         pulp::Arch::new().dispatch(
             #[inline(always)]
             || {
                 for start in (0..len).step_by(LANES) {
-                    let chunk = start..start + LANES;
-                    let paired = (start + shift * LANES) % len;
-                    let [sx, sy, sz] = [0, 1, 2].map(|a| &self.source[a][chunk.clone()]);
-                    let mut squared = [0.0f32; LANES];
-                    for axis in 0..3 {
-                        let target = &self.target[axis][paired..paired + LANES];
-                        let (rx, ry, rz, shift) = (r[(axis, 0)], r[(axis, 1)], r[(axis, 2)], t[axis]);
+                    let moved = moved.sources(&self.source, start);
+                    let mut hits = [0u32; LANES];
+                    for shift in shifts {
+                        let squared = self.squared_distances(&moved, (start + shift * LANES) % len);
                         for l in 0..LANES {
-                            let d = rx * sx[l] + ry * sy[l] + rz * sz[l] + shift - target[l];
-                            squared[l] += d * d;
+                            hits[l] += u32::from(squared[l] <= limit);
                         }
                     }
-                    visit(start, &std::array::from_fn(|l| squared[l] <= limit));
+                    count += hits.iter().sum::<u32>() as usize;
                 }
             },
         );
+        count
+    }
+
+    /// Squared distances of 16 moved sources from the targets of as many matches.
+    #[inline(always)]
+    fn squared_distances(&self, moved: &[[f32; LANES]; 3], first: usize) -> [f32; LANES] {
+        let mut squared = [0.0f32; LANES];
+        for axis in 0..3 {
+            let target = &self.target[axis][first..first + LANES];
+            for l in 0..LANES {
+                let d = moved[axis][l] - target[l];
+                squared[l] += d * d;
+            }
+        }
+        squared
+    }
+
+    /// The matches that `target_from_source` brings within `radius_m`, ascending.
+    pub fn inliers(&self, target_from_source: &RigidMotion, radius_m: f64) -> Vec<usize> {
+        let len = self.source[0].len();
+        let limit = (radius_m * radius_m) as f32;
+        let moved = Moved::new(target_from_source);
+        let mut found = Vec::new();
+        pulp::Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                for start in (0..len).step_by(LANES) {
+                    let squared = self.squared_distances(&moved.sources(&self.source, start), start);
+                    let near = squared.map(|d| d <= limit);
+                    if near.contains(&true) {
+                        found.extend((0..LANES).filter(|&l| near[l]).map(|l| start + l));
+                    }
+                }
+            },
+        );
+        found
+    }
+}
+
+/// A motion in single precision.
+struct Moved {
+    rotation: [[f32; 3]; 3],
+    translation: [f32; 3],
+}
+
+impl Moved {
+    fn new(motion: &RigidMotion) -> Self {
+        let r = motion.rotation.to_rotation_matrix().into_inner().cast::<f32>();
+        let t = motion.translation.vector.cast::<f32>();
+        let axes = [0, 1, 2];
+        Self { rotation: axes.map(|i| axes.map(|j| r[(i, j)])), translation: axes.map(|i| t[i]) }
+    }
+
+    /// Sixteen sources from `start`, moved, coordinate by coordinate.
+    #[inline(always)]
+    fn sources(&self, source: &[Vec<f32>; 3], start: usize) -> [[f32; LANES]; 3] {
+        let [sx, sy, sz] = [0, 1, 2].map(|a| &source[a][start..start + LANES]);
+        let mut moved = [[0.0f32; LANES]; 3];
+        for axis in 0..3 {
+            let ([rx, ry, rz], t) = (self.rotation[axis], self.translation[axis]);
+            for l in 0..LANES {
+                moved[axis][l] = rx * sx[l] + ry * sy[l] + rz * sz[l] + t;
+            }
+        }
+        moved
     }
 }
 
