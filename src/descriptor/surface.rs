@@ -67,7 +67,7 @@ impl Spread {
     pub fn add(&mut self, offset: Vector3<f64>) {
         self.count += 1;
         self.sum += offset;
-        // Only what is below the diagonal is read.
+        // What is above the diagonal follows at the end.
         let [x, y, z] = *offset.as_ref();
         for (at, product) in [(0, x * x), (1, y * x), (2, z * x), (4, y * y), (5, z * y), (8, z * z)] {
             self.square[at] += product;
@@ -83,7 +83,9 @@ impl Spread {
             return None;
         }
         let n = self.count as f64;
-        let eigen = (self.square / n - self.sum * self.sum.transpose() / (n * n)).symmetric_eigen();
+        let mut square = self.square;
+        square.fill_upper_triangle_with_lower_triangle();
+        let eigen = (square / n - self.sum * self.sum.transpose() / (n * n)).symmetric_eigen();
         let mut order = [0, 1, 2];
         order.sort_unstable_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
         let [least, middle, most] = order;

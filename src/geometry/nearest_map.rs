@@ -14,10 +14,12 @@ const VOXELS_PER_RADIUS: f32 = 3.0;
 const REACH: f32 = VOXELS_PER_RADIUS + 0.866_026;
 /// Voxels along the side of a block, which are stored together.
 const SIDE: i32 = 4;
-/// Voxels of a block.
-const BLOCK: usize = (SIDE * SIDE * SIDE) as usize;
+/// Rows of voxels of a block.
+const ROWS: usize = (SIDE * SIDE) as usize;
+/// Something of every voxel of a row.
+type Row<T> = [T; SIDE as usize];
 /// No point is near.
-const NOBODY: u32 = u32::MAX;
+pub const NOBODY: u32 = u32::MAX;
 /// The same among few points.
 const NOBODY_OF_FEW: u16 = u16::MAX;
 /// A block's coordinates are kept in this many bits each.
@@ -152,33 +154,17 @@ pub struct NearestMap {
 /// Voxels are by far the most that is kept of a scan: small indices where they suffice.
 enum Indices {
     /// Of points up to the 65 535th.
-    Few(Vec<u16>),
+    Few(Vec<Row<u16>>),
     /// Of any points.
-    Many(Vec<u32>),
+    Many(Vec<Row<u32>>),
 }
 
 impl Indices {
-    /// Of nobody, in so many voxels of a map of so many points.
-    fn new(voxels: usize, points: usize) -> Self {
-        match points <= usize::from(NOBODY_OF_FEW) {
-            true => Self::Few(vec![NOBODY_OF_FEW; voxels]),
-            false => Self::Many(vec![NOBODY; voxels]),
-        }
-    }
-
     #[inline]
-    fn set(&mut self, voxel: usize, index: u32) {
+    fn get(&self, row: usize, voxel: usize) -> Option<usize> {
         match self {
-            Self::Few(of) => of[voxel] = index as u16,
-            Self::Many(of) => of[voxel] = index,
-        }
-    }
-
-    #[inline]
-    fn get(&self, voxel: usize) -> Option<usize> {
-        match self {
-            Self::Few(of) => (of[voxel] != NOBODY_OF_FEW).then_some(of[voxel].into()),
-            Self::Many(of) => (of[voxel] != NOBODY).then_some(of[voxel] as usize),
+            Self::Few(of) => Some(of[row][voxel]).filter(|&i| i != NOBODY_OF_FEW).map(usize::from),
+            Self::Many(of) => Some(of[row][voxel]).filter(|&i| i != NOBODY).map(|i| i as usize),
         }
     }
 }
@@ -198,18 +184,35 @@ impl NearestMap {
         order.sort_unstable();
         let of_blocks: Vec<_> = order.chunk_by(|one, other| one.0 == other.0).collect();
         map.blocks = Blocks::around(of_blocks.iter().map(|of| of[0].0));
-        // What stays is allocated at its full size before what goes.
-        let voxels = map.blocks.len() * BLOCK;
-        map.nearest = Indices::new(voxels, points.len());
-        let mut squared = vec![f32::INFINITY; voxels];
+        let nearest = map.fill(points, &of_blocks);
+        map.nearest = match points.len() <= usize::from(NOBODY_OF_FEW) {
+            // Nobody of many is nobody of few, cut short.
+            true => Indices::Few(nearest.into_iter().map(|row| row.map(|i| i as u16)).collect()),
+            false => Indices::Many(nearest),
+        };
+        map
+    }
+
+    /// The nearest point of every voxel.
+    fn fill(&self, points: &[Point], of_blocks: &[&[([i32; 3], u32)]]) -> Vec<Row<u32>> {
+        let rows = self.blocks.len() * ROWS;
+        let mut nearest = vec![[NOBODY; SIDE as usize]; rows];
+        // What is nearer than this is within reach.
+        let mut squared = vec![[(REACH * REACH).next_up(); SIDE as usize]; rows];
         for of_block in of_blocks {
             // All of them are kept.
-            let around = neighbours(of_block[0].0).map(|block| map.blocks.get(block).unwrap_or(0));
-            for &(block, i) in of_block {
-                map.offer(i, &points[i as usize], block, &around, &mut squared);
+            let around = neighbours(of_block[0].0).map(|block| self.blocks.get(block).unwrap_or(0));
+            for &(block, i) in *of_block {
+                self.offer(&points[i as usize], block, &around, |row, squares| {
+                    // Four voxels at once, without a branch: which are nearer is anybody's guess.
+                    let (before, whose) = (squared[row], nearest[row]);
+                    squared[row] =
+                        std::array::from_fn(|v| if squares[v] < before[v] { squares[v] } else { before[v] });
+                    nearest[row] = std::array::from_fn(|v| if squares[v] < before[v] { i } else { whose[v] });
+                });
             }
         }
-        map
+        nearest
     }
 
     /// Voxel that a place lies in.
@@ -219,37 +222,27 @@ impl NearestMap {
         [whole(at.x), whole(at.y), whole(at.z)]
     }
 
-    /// Offers a point to all voxels that places within the radius of it lie in; of equally near
-    /// points a voxel keeps the first offered.
-    fn offer(&mut self, index: u32, p: &Point, block: [i32; 3], around: &[u32; 27], squared: &mut [f32]) {
+    /// Calls `offer(row, squared distances from the centres of its voxels)` for all rows of voxels that
+    /// places within the radius of a point may lie in.
+    #[inline(always)]
+    fn offer(&self, p: &Point, block: [i32; 3], around: &[u32; 27], mut offer: impl FnMut(usize, Row<f32>)) {
         // In voxels from the corner of the blocks around, with centres at whole numbers.
         let corner = nalgebra::Vector3::from(block.map(|b| ((b - 1) * SIDE) as f32 + 0.5));
         let at = (p - self.origin) * self.per_metre - corner;
-        let limit = REACH * REACH;
-        let span = |a: usize| {
-            let (low, high) = (-whole(REACH - at[a]), whole(at[a] + REACH));
-            low.max(0)..=high.min(3 * SIDE - 1)
+        let away = |a: usize| -> [f32; 3 * SIDE as usize] {
+            std::array::from_fn(|v| (v as f32 - at[a]) * (v as f32 - at[a]))
         };
-        for x in span(0) {
-            let dx = (x as f32 - at.x).powi(2);
-            for y in span(1) {
-                let dy = dx + (y as f32 - at.y).powi(2);
-                if dy > limit {
+        let [xs, ys, zs] = [0, 1, 2].map(away);
+        for (x, dx) in xs.into_iter().enumerate() {
+            for (y, dy) in ys.into_iter().enumerate() {
+                let dy = dx + dy;
+                if dy > REACH * REACH {
                     continue;
                 }
-                let row = (x / SIDE * 9 + y / SIDE * 3) as usize;
-                let within = ((x % SIDE * SIDE + y % SIDE) * SIDE) as usize;
-                // The check below decides; this leaves out most of what it would refuse.
-                let half = (limit - dy).sqrt() + 1e-3;
-                let (low, high) = (-whole(half - at.z), whole(at.z + half));
-                for z in low.max(0)..=high.min(3 * SIDE - 1) {
-                    let d = dy + (z as f32 - at.z).powi(2);
-                    let voxel =
-                        around[row + (z / SIDE) as usize] as usize * BLOCK + within + (z % SIDE) as usize;
-                    if d < squared[voxel] && d <= limit {
-                        squared[voxel] = d;
-                        self.nearest.set(voxel, index);
-                    }
+                let column = x / SIDE as usize * 9 + y / SIDE as usize * 3;
+                let within = x % SIDE as usize * SIDE as usize + y % SIDE as usize;
+                for (z, dz) in zs.as_chunks().0.iter().enumerate() {
+                    offer(around[column + z] as usize * ROWS + within, dz.map(|dz| dy + dz));
                 }
             }
         }
@@ -260,11 +253,44 @@ impl NearestMap {
     /// voxel diagonal (0.58 radii) beyond it, which the caller tells by the distance.
     #[inline]
     pub fn near(&self, place: &Point) -> Option<usize> {
+        let (row, voxel) = self.row_and_voxel(place)?;
+        self.nearest.get(row, voxel)
+    }
+
+    /// [`Self::near`] of every place, [`NOBODY`] for `None`. Maps lie in distant memory: here it is not
+    /// waited for one place at a time.
+    pub fn near_each(&self, places: &[Point], found: &mut Vec<u32>) {
+        const NOWHERE: usize = usize::MAX;
+        let side = SIDE as usize;
+        let places = places.iter().map(|p| self.row_and_voxel(p).map_or(NOWHERE, |(r, v)| r * side + v));
+        let voxels: Vec<usize> = places.collect();
+        fn each<T: Copy>(of: &[Row<T>], voxels: &[usize], nobody: T) -> impl Iterator<Item = T> {
+            let of = of.as_flattened();
+            let last = of.len().saturating_sub(1);
+            // Read from somewhere in any case: a branch would be guessed wrongly and wait.
+            voxels.iter().map(move |&v| {
+                let there = of.get(v.min(last)).copied().unwrap_or(nobody);
+                if v == NOWHERE { nobody } else { there }
+            })
+        }
+        found.clear();
+        match &self.nearest {
+            Indices::Few(of) => found.extend(
+                each(of, &voxels, NOBODY_OF_FEW)
+                    .map(|i| if i == NOBODY_OF_FEW { NOBODY } else { u32::from(i) }),
+            ),
+            Indices::Many(of) => found.extend(each(of, &voxels, NOBODY)),
+        }
+    }
+
+    /// Row of voxels and voxel of it that a place lies in, where these are kept.
+    #[inline]
+    fn row_and_voxel(&self, place: &Point) -> Option<(usize, usize)> {
         let voxel = self.voxel(place);
         let block = voxel.map(|v| v.div_euclid(SIDE));
-        let start = self.blocks.get(block)? as usize * BLOCK;
+        let start = self.blocks.get(block)? as usize * ROWS;
         let within = voxel.map(|v| v.rem_euclid(SIDE));
-        self.nearest.get(start + ((within[0] * SIDE + within[1]) * SIDE + within[2]) as usize)
+        Some((start + (within[0] * SIDE + within[1]) as usize, within[2] as usize))
     }
 }
 
@@ -296,6 +322,9 @@ mod tests {
             for q in &queries {
                 // Independent of the map: every point is looked at.
                 let least = points.iter().map(|p| (p - q).norm()).min_by(f32::total_cmp);
+                let mut each = Vec::new();
+                map.near_each(std::slice::from_ref(q), &mut each);
+                prop_assert_eq!(each, vec![map.near(q).map_or(NOBODY, |i| i as u32)]);
                 match (map.near(q), least) {
                     (Some(i), Some(least)) => prop_assert!((points[i] - q).norm() <= least + diagonal + 1e-5),
                     (Some(_), None) => prop_assert!(false, "found a point of none"),
@@ -337,6 +366,9 @@ mod tests {
             let points: Vec<Point> = (0..n).map(row).collect();
             let map = NearestMap::new(&points, 0.3);
             assert!((0..n).all(|i| map.near(&points[i]) == Some(i)), "of {n} points");
+            let mut each = Vec::new();
+            map.near_each(&points, &mut each);
+            assert!(each.into_iter().eq(0..n as u32), "of {n} points");
             assert_eq!(map.near(&Point::new(0.5, 0.5, 0.0)), None);
         }
     }

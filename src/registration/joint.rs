@@ -9,6 +9,7 @@ use super::config::JointConfig;
 use super::scan_model::ScanModel;
 use super::shade::{self, Touch};
 use crate::error::Result;
+use crate::geometry::nearest_map::NOBODY;
 use crate::geometry::rigid::PointMover;
 use crate::geometry::sparse::BlockMatrix;
 use crate::geometry::{Direction, Point, RigidMotion};
@@ -196,7 +197,10 @@ fn overlapping_pairs(
         let step = points.len().div_ceil(PROBES).max(1);
         let probes = points.iter().step_by(step);
         let count = probes.len();
-        (probes.filter(|p| scans[to].model.near(&mover.point(p), radius_m).is_some()).count(), count)
+        let moved: Vec<Point> = probes.map(|p| mover.point(p)).collect();
+        let mut near = Vec::with_capacity(count);
+        scans[to].model.near_each(&moved, radius_m, &mut near);
+        (near.iter().filter(|&&k| k != NOBODY).count(), count)
     };
     (0..scans.len())
         .into_par_iter()
@@ -278,9 +282,13 @@ fn pair_term(
         let stride = strides[from];
         let sampled = samples[from].points.iter().zip(&samples[from].normals);
         // Another share of the points for every partner.
-        for (p, normal) in sampled.skip(to % stride).step_by(stride) {
-            let moved = mover.point(p);
-            let Some(k) = model.near(&moved, radius_m as f32) else { continue };
+        let sampled = sampled.skip(to % stride).step_by(stride);
+        let moved: Vec<Point> = sampled.clone().map(|(p, _)| mover.point(p)).collect();
+        let mut near = Vec::with_capacity(moved.len());
+        model.near_each(&moved, radius_m as f32, &mut near);
+        let touching = sampled.zip(&moved).zip(&near).filter(|found| *found.1 != NOBODY);
+        for (((_, normal), moved), &k) in touching {
+            let k = k as usize;
             let n = model.surface.normals[k];
             if mover.direction(normal).dot(&n) < MIN_NORMAL_COSINE {
                 continue;
@@ -315,14 +323,16 @@ fn add_shades(
     for (from, to, sign) in [(i, j, 1.0), (j, i, -1.0)] {
         let mover = PointMover::new(&(poses[to].inverse() * poses[from]));
         let (model, sample) = (scans[to].model, &samples[from]);
-        let touch = |((p, normal), &shade): ((&Point, &Direction), &f32)| {
-            let place = mover.point(p);
-            let nearest = model.near(&place, radius_m as f32)?;
+        let places = mover.points(&sample.points);
+        let mut near = Vec::with_capacity(places.len());
+        model.near_each(&places, radius_m as f32, &mut near);
+        let touch = |(((&place, &nearest), normal), &shade): (((&Point, &u32), &Direction), &f32)| {
+            let nearest = Some(nearest).filter(|&k| k != NOBODY)? as usize;
             let facing = mover.direction(normal).dot(&model.surface.normals[nearest]);
             (facing >= MIN_NORMAL_COSINE).then_some(Touch { place, shade, nearest })
         };
-        let touches: Vec<Touch> =
-            sample.points.iter().zip(&sample.normals).zip(&sample.shades).filter_map(touch).collect();
+        let points = places.iter().zip(&near).zip(&sample.normals).zip(&sample.shades);
+        let touches: Vec<Touch> = points.filter_map(touch).collect();
         for (place, found) in shade::residuals(&touches, model) {
             let x = poses[to] * place.cast::<f64>();
             let g = poses[to].rotation * found.slope.cast::<f64>() * colour_m;

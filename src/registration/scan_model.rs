@@ -3,7 +3,7 @@
 
 use super::config::RegistrationConfig;
 use super::shade;
-use crate::geometry::nearest_map::NearestMap;
+use crate::geometry::nearest_map::{NOBODY, NearestMap};
 use crate::geometry::rigid::PointMover;
 use crate::geometry::{Direction, Point, RigidMotion};
 use crate::scan::Surface;
@@ -90,13 +90,27 @@ impl<'a> ScanModel<'a> {
     /// the map, a third of its radius) the nearest one.
     #[inline]
     pub fn near(&self, place: &Point, radius_m: f32) -> Option<usize> {
-        let map = if radius_m <= self.radius_m {
+        let found = self.map(radius_m).near(place)?;
+        ((self.surface.points[found] - place).norm_squared() <= radius_m * radius_m).then_some(found)
+    }
+
+    /// [`Self::near`] of every place in the scan's frame, [`NOBODY`] for `None`.
+    pub fn near_each(&self, places: &[Point], radius_m: f32, found: &mut Vec<u32>) {
+        self.map(radius_m).near_each(places, found);
+        let Some(last) = self.surface.len().checked_sub(1) else { return };
+        for (found, place) in found.iter_mut().zip(places) {
+            // Of any point: a branch would be guessed wrongly and wait.
+            let squared = (self.surface.points[(*found as usize).min(last)] - place).norm_squared();
+            *found = if squared <= radius_m * radius_m { *found } else { NOBODY };
+        }
+    }
+
+    fn map(&self, radius_m: f32) -> &NearestMap {
+        if radius_m <= self.radius_m {
             &self.fine
         } else {
             self.coarse.get_or_init(|| NearestMap::new(&self.surface.points, self.widest_m))
-        };
-        let found = map.near(place)?;
-        ((self.surface.points[found] - place).norm_squared() <= radius_m * radius_m).then_some(found)
+        }
     }
 }
 

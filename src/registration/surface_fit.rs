@@ -6,6 +6,7 @@
 //! 1991), and how much of either side lies in space that the other saw to be empty.
 
 use super::scan_model::ScanModel;
+use crate::geometry::nearest_map::NOBODY;
 use crate::geometry::rigid::PointMover;
 use crate::geometry::{Point, RigidMotion};
 use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
@@ -228,13 +229,18 @@ struct Touches<'a> {
     rows: Vec<usize>,
     touches: Vec<Touch>,
     violated: Vec<bool>,
+    /// Of the scan that is being compared: where the points lie in its frame, and which of its own points
+    /// are near.
+    moved: Vec<Point>,
+    near: Vec<u32>,
 }
 
 impl<'a> Touches<'a> {
     fn new(model: &'a ScanModel<'a>, world_from_scan: RigidMotion, stride: usize) -> Self {
         let rows: Vec<usize> = model.sample.iter().step_by(stride).map(|&i| i as usize).collect();
         let (touches, violated) = (vec![Touch::Nothing; rows.len()], vec![false; rows.len()]);
-        Self { model, world_from_scan, rows, touches, violated }
+        let (moved, near) = (Vec::with_capacity(rows.len()), Vec::with_capacity(rows.len()));
+        Self { model, world_from_scan, rows, touches, violated, moved, near }
     }
 
     /// Takes in one scan of the other group; whether any point touches it.
@@ -257,9 +263,15 @@ impl<'a> Touches<'a> {
             return false;
         }
         let mut touched = false;
-        for ((&row, touch), violated) in self.rows.iter().zip(&mut self.touches).zip(&mut self.violated) {
-            let moved = mover.point(&model.surface.points[row]);
-            if let Some(near) = other.near(&moved, radius_m) {
+        self.moved.clear();
+        self.moved.extend(self.rows.iter().map(|&row| mover.point(&model.surface.points[row])));
+        other.near_each(&self.moved, radius_m, &mut self.near);
+        let state = self.touches.iter_mut().zip(&mut self.violated);
+        for (((&row, &moved), &near), (touch, violated)) in
+            self.rows.iter().zip(&self.moved).zip(&self.near).zip(state)
+        {
+            if near != NOBODY {
+                let near = near as usize;
                 touched = true;
                 let n = other.surface.normals[near];
                 let off = n.dot(&(moved - other.surface.points[near]));
