@@ -6,17 +6,25 @@
 //! piece by piece are bit-identical to results computed in one go.
 
 use crate::scan::Descriptors;
+use aligned_vec::{AVec, ConstAlign, avec};
+use macerator::{AutoArch, Mask, Scalar, Simd, Vector, WithSimd};
 use rayon::prelude::*;
 
-const LANES: usize = 16;
-/// Rows that go through the columns together: with two vectors of columns, twelve sums at a time, enough
-/// to keep two multipliers busy from one load to the next.
-const BLOCK: usize = 6;
+/// Columns of a group: two of the widest vectors.
+const LANES: usize = 32;
+/// Rows that are kept side by side: with two vectors of columns, as many sums at a time as keep the
+/// multipliers busy from one load to the next, where there are registers for them.
+const BLOCK: usize = 12;
+/// Rows that are compared at a time, of a block, where there are few registers.
+const HALF: usize = 6;
 /// Rows handled by one task.
-const CHUNK: usize = 85 * BLOCK;
+const CHUNK: usize = 43 * BLOCK;
 /// Values of the columns that all rows of a task go through before the next ones are fetched: half of a
 /// small level-one cache.
 const PANEL: usize = 6144;
+
+/// Numbers that vectors are loaded from and stored to.
+type Lanes<T> = AVec<T, ConstAlign<64>>;
 
 /// Best counterpart of one descriptor: `score = x·y − ½‖y‖²`, and the index of `y`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,13 +56,13 @@ fn half_norm(row: &[f32]) -> f32 {
     0.5 * row.iter().map(|v| v * v).sum::<f32>()
 }
 
-/// Descriptors laid out for the kernel: groups of 16 columns, dimension by dimension.
+/// Descriptors laid out for the kernel: groups of [`LANES`] columns, dimension by dimension.
 #[derive(Debug, Clone)]
 pub struct Columns {
     dim: usize,
     len: usize,
-    packed: Vec<f32>,
-    half_norms: Vec<f32>,
+    packed: Lanes<f32>,
+    half_norms: Lanes<f32>,
 }
 
 impl Columns {
@@ -62,9 +70,9 @@ impl Columns {
     pub fn new(descriptors: &Descriptors) -> Self {
         let (dim, len) = (descriptors.dim(), descriptors.len());
         let groups = len.div_ceil(LANES);
-        let mut packed = vec![0.0; groups * dim * LANES];
+        let mut packed: Lanes<f32> = avec![[64]| 0.0; groups * dim * LANES];
         // Padding columns are infinitely far away.
-        let mut half_norms = vec![f32::INFINITY; groups * LANES];
+        let mut half_norms: Lanes<f32> = avec![[64]| f32::INFINITY; groups * LANES];
         for (i, half) in half_norms.iter_mut().enumerate().take(len) {
             let (group, lane) = (i / LANES, i % LANES);
             for (d, &v) in descriptors.row(i).iter().enumerate() {
@@ -78,8 +86,8 @@ impl Columns {
     /// The chosen columns, in the given order.
     pub fn select(&self, chosen: &[usize]) -> Self {
         let groups = chosen.len().div_ceil(LANES);
-        let mut packed = vec![0.0; groups * self.dim * LANES];
-        let mut half_norms = vec![f32::INFINITY; groups * LANES];
+        let mut packed: Lanes<f32> = avec![[64]| 0.0; groups * self.dim * LANES];
+        let mut half_norms: Lanes<f32> = avec![[64]| f32::INFINITY; groups * LANES];
         for (to, &from) in chosen.iter().enumerate() {
             for d in 0..self.dim {
                 packed[(to / LANES * self.dim + d) * LANES + to % LANES] =
@@ -128,8 +136,9 @@ pub fn nearest_both(values: &[f32], ids: &[u32], columns: &Columns) -> Nearest {
 
 fn nearest_chunk(values: &[f32], ids: &[u32], columns: &Columns) -> Nearest {
     let padded = columns.half_norms.len();
+    let at_a_time = AutoArch::new().dispatch(AtATime);
     let blocks: Vec<RowBlock> =
-        ids.chunks(BLOCK).map(|block| RowBlock::new(values, block, columns.dim)).collect();
+        ids.chunks(BLOCK).map(|block| RowBlock::new(values, block, columns.dim, at_a_time)).collect();
     let mut of_columns = Running::new(padded);
     let mut of_rows = Running::new(blocks.len() * BLOCK * LANES);
     let panel = (PANEL / (columns.dim * LANES)).max(1) * LANES;
@@ -139,7 +148,7 @@ fn nearest_chunk(values: &[f32], ids: &[u32], columns: &Columns) -> Nearest {
         for (b, rows) in blocks.iter().enumerate() {
             let (column_score, column_index) = of_columns.part(range.clone());
             let (row_score, row_start) = of_rows.part(b * BLOCK * LANES..(b + 1) * BLOCK * LANES);
-            pulp::Arch::new().dispatch(Kernel {
+            AutoArch::new().dispatch(Kernel {
                 rows,
                 dim: columns.dim,
                 first,
@@ -164,13 +173,13 @@ fn nearest_chunk(values: &[f32], ids: &[u32], columns: &Columns) -> Nearest {
 
 /// The best so far, lane by lane: scores, and what they belong to.
 struct Running {
-    scores: Vec<f32>,
-    of: Vec<u32>,
+    scores: Lanes<f32>,
+    of: Lanes<u32>,
 }
 
 impl Running {
     fn new(lanes: usize) -> Self {
-        Self { scores: vec![f32::NEG_INFINITY; lanes], of: vec![u32::MAX; lanes] }
+        Self { scores: avec![[64]| f32::NEG_INFINITY; lanes], of: avec![[64]| u32::MAX; lanes] }
     }
 
     fn part(&mut self, lanes: std::ops::Range<usize>) -> (&mut [f32], &mut [u32]) {
@@ -185,7 +194,7 @@ impl Running {
     }
 }
 
-/// A few rows side by side: `values[d·BLOCK + q]`. A short block repeats its last row,
+/// A few rows side by side, so many at a time: `values[part][d][q]`. A short block repeats its last row,
 /// which changes no answer.
 struct RowBlock {
     values: Vec<f32>,
@@ -194,16 +203,31 @@ struct RowBlock {
 }
 
 impl RowBlock {
-    fn new(all: &[f32], ids: &[u32], dim: usize) -> Self {
+    fn new(all: &[f32], ids: &[u32], dim: usize, at_a_time: usize) -> Self {
         let ids: [u32; BLOCK] = std::array::from_fn(|q| ids[q.min(ids.len() - 1)]);
         let rows = ids.map(|id| &all[id as usize * dim..(id as usize + 1) * dim]);
         let mut values = vec![0.0; dim * BLOCK];
-        for (q, row) in rows.iter().enumerate() {
-            for (d, &v) in row.iter().enumerate() {
-                values[d * BLOCK + q] = v;
+        for (part, rows) in values.chunks_exact_mut(dim.max(1) * at_a_time).zip(rows.chunks_exact(at_a_time))
+        {
+            for (q, row) in rows.iter().enumerate() {
+                for (d, &v) in row.iter().enumerate() {
+                    part[d * at_a_time + q] = v;
+                }
             }
         }
         Self { values, half_norms: rows.map(half_norm), ids }
+    }
+}
+
+/// Rows that the processor compares at a time.
+struct AtATime;
+
+impl WithSimd for AtATime {
+    type Output = usize;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self) -> usize {
+        if f32::lanes::<S>() == LANES / 2 { BLOCK } else { HALF }
     }
 }
 
@@ -218,69 +242,93 @@ struct Kernel<'a> {
     /// Of every column, its nearest row.
     column_score: &'a mut [f32],
     column_index: &'a mut [u32],
-    /// Of every row in 16 lanes, its nearest column, as the column of the first lane.
+    /// Of every row in [`LANES`] lanes, its nearest column, as the column of the first lane.
     row_score: &'a mut [f32],
     row_start: &'a mut [u32],
 }
 
-impl pulp::WithSimd for Kernel<'_> {
+impl WithSimd for Kernel<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, simd: S) {
-        if S::F32_LANES < LANES { self.compare::<S, 2>(simd) } else { self.compare::<S, 1>(simd) }
+    fn with_simd<S: Simd>(mut self) {
+        match LANES / f32::lanes::<S>() {
+            2 => self.compare::<S, 2, BLOCK>(0),
+            4 => (0..BLOCK).step_by(HALF).for_each(|row| self.compare::<S, 4, HALF>(row)),
+            8 => (0..BLOCK).step_by(HALF).for_each(|row| self.compare::<S, 8, HALF>(row)),
+            _ => (0..BLOCK).step_by(HALF).for_each(|row| self.compare::<S, LANES, HALF>(row)),
+        }
     }
 }
 
 impl Kernel<'_> {
-    /// `W` vectors of columns at a time; as many are in every group of 16.
+    /// `R` rows from `row` on; `G` vectors are in every group of columns.
     #[inline(always)]
-    fn compare<S: pulp::Simd, const W: usize>(self, simd: S) {
-        let (vectors, _) = S::as_simd_f32s(self.packed);
-        let (halves, _) = S::as_simd_f32s(self.half_norms);
-        let (scores, _) = S::as_mut_simd_f32s(self.column_score);
-        let (indices, _) = S::as_mut_simd_u32s(self.column_index);
-        let (row_scores, _) = S::as_mut_simd_f32s(self.row_score);
-        let (row_starts, _) = S::as_mut_simd_u32s(self.row_start);
-        let per_group = LANES / S::F32_LANES;
-        let row_half = self.rows.half_norms.map(|h| simd.splat_f32s(h));
-        let row_id = self.rows.ids.map(|id| simd.splat_u32s(id));
-        let mut best_score: [S::f32s; BLOCK] = std::array::from_fn(|q| row_scores[q * per_group]);
-        let mut best_start: [S::u32s; BLOCK] = std::array::from_fn(|q| row_starts[q * per_group]);
-        let columns = halves.chunks_exact(W).zip(scores.chunks_exact_mut(W)).zip(indices.chunks_exact_mut(W));
-        for (at, ((halves, scores), indices)) in (0..).step_by(W).zip(columns) {
-            let begin = at / per_group * self.dim * per_group + at % per_group;
-            let mut dot = [[simd.splat_f32s(0.0); W]; BLOCK];
-            for (x, y) in self.rows.values.chunks_exact(BLOCK).zip(vectors[begin..].chunks(per_group)) {
-                let Some(y) = y.first_chunk::<W>() else { break };
-                for q in 0..BLOCK {
-                    let x = simd.splat_f32s(x[q]);
-                    for w in 0..W {
-                        dot[q][w] = simd.mul_add_f32s(x, y[w], dot[q][w]);
+    fn compare<S: Simd, const G: usize, const R: usize>(&mut self, row: usize) {
+        /// Vectors of columns at a time.
+        const W: usize = 2;
+        let lanes = f32::lanes::<S>();
+        let packed = vectors::<S, f32>(self.packed).chunks_exact(self.dim * G);
+        let halves = vectors::<S, f32>(self.half_norms).as_chunks::<G>().0;
+        let scores = vectors_mut::<S, f32>(self.column_score).as_chunks_mut::<G>().0;
+        let indices = vectors_mut::<S, u32>(self.column_index).as_chunks_mut::<G>().0;
+        let row_scores = vectors_mut::<S, f32>(self.row_score);
+        let row_starts = vectors_mut::<S, u32>(self.row_start);
+        let row_half: [Vector<S, f32>; R] = std::array::from_fn(|q| self.rows.half_norms[row + q].splat());
+        let row_id: [Vector<S, u32>; R] = std::array::from_fn(|q| self.rows.ids[row + q].splat());
+        let mut best_score: [Vector<S, f32>; R] = std::array::from_fn(|q| row_scores[(row + q) * G]);
+        let mut best_start: [Vector<S, u32>; R] = std::array::from_fn(|q| row_starts[(row + q) * G]);
+        let values = self.rows.values[row * self.dim..(row + R) * self.dim].as_chunks::<R>().0;
+        let groups = packed.zip(halves).zip(scores).zip(indices);
+        for (group, (((ys, halves), scores), indices)) in groups.enumerate() {
+            for at in (0..G).step_by(W) {
+                let mut dot = [[0f32.splat::<S>(); W]; R];
+                for (x, y) in values.iter().zip(ys.as_chunks::<G>().0) {
+                    for q in 0..R {
+                        let x = x[q].splat::<S>();
+                        for w in 0..W {
+                            dot[q][w] = x.fma(y[at + w], dot[q][w]);
+                        }
                     }
                 }
-            }
-            for w in 0..W {
-                let start = simd.splat_u32s((self.first + (at + w) * S::F32_LANES) as u32);
-                let (mut score, mut index) = (scores[w], indices[w]);
-                for q in 0..BLOCK {
-                    let of_row = simd.sub_f32s(dot[q][w], halves[w]);
-                    let nearer = simd.less_than_f32s(best_score[q], of_row);
-                    best_score[q] = simd.select_f32s(nearer, of_row, best_score[q]);
-                    best_start[q] = simd.select_u32s(nearer, start, best_start[q]);
-                    let of_column = simd.sub_f32s(dot[q][w], row_half[q]);
-                    let nearer = simd.less_than_f32s(score, of_column);
-                    score = simd.select_f32s(nearer, of_column, score);
-                    index = simd.select_u32s(nearer, row_id[q], index);
+                for w in 0..W {
+                    let start = ((self.first + group * LANES + (at + w) * lanes) as u32).splat::<S>();
+                    let (mut score, mut index) = (scores[at + w], indices[at + w]);
+                    for q in 0..R {
+                        let of_row = dot[q][w] - halves[at + w];
+                        best_start[q] = select(best_score[q].lt(of_row), start, best_start[q]);
+                        best_score[q] = of_row.max(best_score[q]);
+                        let of_column = dot[q][w] - row_half[q];
+                        index = select(score.lt(of_column), row_id[q], index);
+                        score = of_column.max(score);
+                    }
+                    (scores[at + w], indices[at + w]) = (score, index);
                 }
-                (scores[w], indices[w]) = (score, index);
             }
         }
-        for q in 0..BLOCK {
-            row_scores[q * per_group] = best_score[q];
-            row_starts[q * per_group] = best_start[q];
+        for q in 0..R {
+            row_scores[(row + q) * G] = best_score[q];
+            row_starts[(row + q) * G] = best_start[q];
         }
     }
+}
+
+/// Where the mask is set `one`, elsewhere `other`.
+#[inline(always)]
+fn select<S: Simd>(mask: Mask<S, f32>, one: Vector<S, u32>, other: Vector<S, u32>) -> Vector<S, u32> {
+    mask.select(one.reinterpret::<f32>(), other.reinterpret::<f32>()).reinterpret::<u32>()
+}
+
+/// Aligned numbers, whole vectors of them, as vectors.
+#[inline(always)]
+fn vectors<S: Simd, T: Scalar>(values: &[T]) -> &[Vector<S, T>] {
+    bytemuck::cast_slice(values)
+}
+
+/// The same, to be written.
+#[inline(always)]
+fn vectors_mut<S: Simd, T: Scalar>(values: &mut [T]) -> &mut [Vector<S, T>] {
+    bytemuck::cast_slice_mut(values)
 }
 
 /// The best over the lanes of a row; `starts` are the columns of their first lane.

@@ -63,15 +63,18 @@ impl CompatibilityGraph {
         Self { n, words, bits }
     }
 
+    #[inline(always)]
     fn row(&self, i: usize) -> &[u64] {
         &self.bits[i * self.words..(i + 1) * self.words]
     }
 
     /// Matches compatible with both `i` and `j`.
+    #[inline(always)]
     fn shared(&self, i: usize, j: usize) -> u32 {
         self.row(i).iter().zip(self.row(j)).map(|(a, b)| (a & b).count_ones()).sum()
     }
 
+    #[inline(always)]
     fn neighbours(&self, i: usize) -> impl Iterator<Item = usize> + '_ {
         self.row(i).iter().enumerate().flat_map(|(w, &word)| {
             std::iter::successors((word != 0).then_some(word), |&rest| {
@@ -82,14 +85,24 @@ impl CompatibilityGraph {
         })
     }
 
-    /// Sum over the neighbours of the second-order count: how well connected a match is.
-    fn support(&self, i: usize) -> u64 {
-        self.neighbours(i).map(|j| u64::from(self.shared(i, j))).sum()
+    /// Of every match the sum over its neighbours of the second-order count: how well connected it is.
+    fn supports(&self) -> Vec<u64> {
+        // Bits are counted by an instruction that not every processor has.
+        pulp::Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                let support = |i| self.neighbours(i).map(|j| u64::from(self.shared(i, j))).sum();
+                (0..self.n).map(support).collect()
+            },
+        )
     }
 
     /// The seed and the neighbours that share most with it, with their shares as weights.
     fn consensus(&self, seed: usize) -> Vec<(usize, u32)> {
-        let mut set: Vec<(usize, u32)> = self.neighbours(seed).map(|j| (j, self.shared(seed, j))).collect();
+        let mut set: Vec<(usize, u32)> = pulp::Arch::new().dispatch(
+            #[inline(always)]
+            || self.neighbours(seed).map(|j| (j, self.shared(seed, j))).collect(),
+        );
         set.sort_by_key(|&(j, shared)| (std::cmp::Reverse(shared), j));
         set.truncate(CONSENSUS);
         let strongest = set.first().map_or(1, |s| s.1.max(1));
@@ -143,7 +156,7 @@ impl Edges {
 
 /// The best-connected matches, no two of them starting within the radius of each other.
 fn seeds(graph: &CompatibilityGraph, c: &Correspondences, count: usize, radius_m: f64) -> Vec<usize> {
-    let mut ranked: Vec<(u64, usize)> = (0..graph.n).map(|i| (graph.support(i), i)).collect();
+    let mut ranked: Vec<(u64, usize)> = graph.supports().into_iter().zip(0..).collect();
     ranked.sort_by_key(|&(support, i)| (std::cmp::Reverse(support), i));
     let mut chosen: Vec<usize> = Vec::new();
     for (support, i) in ranked {
