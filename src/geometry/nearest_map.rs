@@ -102,7 +102,7 @@ impl Blocks {
     }
 
     /// Number of a block that is kept.
-    #[inline]
+    #[inline(always)]
     fn get(&self, block: [i32; 3]) -> Option<u32> {
         match self {
             Self::Boxed { low, size, words } => {
@@ -125,7 +125,7 @@ fn neighbours(block: [i32; 3]) -> [[i32; 3]; 27] {
 }
 
 /// Place of a block among those of a box.
-#[inline]
+#[inline(always)]
 fn bit(block: [i32; 3], low: [i32; 3], size: [u32; 3]) -> Option<usize> {
     let at: [u32; 3] = std::array::from_fn(|a| block[a].wrapping_sub(low[a]) as u32);
     let within = at[0] < size[0] && at[1] < size[1] && at[2] < size[2];
@@ -134,7 +134,7 @@ fn bit(block: [i32; 3], low: [i32; 3], size: [u32; 3]) -> Option<usize> {
 
 /// The largest whole number that is no greater; the same as `floor`, which is a call on processors
 /// of the baseline.
-#[inline]
+#[inline(always)]
 fn whole(x: f32) -> i32 {
     let truncated = x as i32;
     truncated.saturating_sub(i32::from(truncated as f32 > x))
@@ -216,7 +216,7 @@ impl NearestMap {
     }
 
     /// Voxel that a place lies in.
-    #[inline]
+    #[inline(always)]
     fn voxel(&self, place: &Point) -> [i32; 3] {
         let at = (place - self.origin) * self.per_metre;
         [whole(at.x), whole(at.y), whole(at.z)]
@@ -262,8 +262,12 @@ impl NearestMap {
     pub fn near_each(&self, places: &[Point], found: &mut Vec<u32>) {
         const NOWHERE: usize = usize::MAX;
         let side = SIDE as usize;
-        let places = places.iter().map(|p| self.row_and_voxel(p).map_or(NOWHERE, |(r, v)| r * side + v));
-        let voxels: Vec<usize> = places.collect();
+        let number = |p| self.row_and_voxel(p).map_or(NOWHERE, |(row, voxel)| row * side + voxel);
+        // Bits are counted and numbers rounded by instructions that not every processor has.
+        let voxels: Vec<usize> = pulp::Arch::new().dispatch(
+            #[inline(always)]
+            || places.iter().map(number).collect(),
+        );
         fn each<T: Copy>(of: &[Row<T>], voxels: &[usize], nobody: T) -> impl Iterator<Item = T> {
             let of = of.as_flattened();
             let last = of.len().saturating_sub(1);
@@ -284,7 +288,7 @@ impl NearestMap {
     }
 
     /// Row of voxels and voxel of it that a place lies in, where these are kept.
-    #[inline]
+    #[inline(always)]
     fn row_and_voxel(&self, place: &Point) -> Option<(usize, usize)> {
         let voxel = self.voxel(place);
         let block = voxel.map(|v| v.div_euclid(SIDE));
