@@ -56,7 +56,7 @@ fn half_norm(row: &[f32]) -> f32 {
     0.5 * row.iter().map(|v| v * v).sum::<f32>()
 }
 
-/// Descriptors laid out for the kernel: groups of [`LANES`] columns, dimension by dimension.
+/// Descriptors laid out for the kernel: groups of 32 columns, dimension by dimension.
 #[derive(Debug, Clone)]
 pub struct Columns {
     dim: usize,
@@ -394,17 +394,21 @@ pub(crate) mod tests {
         let (rows, columns) = (draw(CHUNK + 100), draw(3 * PANEL / 40 - 5));
         let ids: Vec<u32> = (0..rows.len() as u32).collect();
         let found = nearest_both(rows.values(), &ids, &Columns::new(&columns));
+        // One pair at a time, summed up in the same order: the same to the bit, whatever the processor.
         let nearest = |of: &Descriptors, i: usize, among: &Descriptors| {
-            let distance = |j: usize| -> f64 {
-                of.row(i).iter().zip(among.row(j)).map(|(x, y)| (f64::from(*x) - f64::from(*y)).powi(2)).sum()
+            let score = |j: usize| {
+                let dot = of.row(i).iter().zip(among.row(j)).fold(0f32, |sum, (x, y)| x.mul_add(*y, sum));
+                dot - half_norm(among.row(j))
             };
-            (0..among.len()).min_by(|&j, &k| distance(j).total_cmp(&distance(k))).unwrap() as u32
+            let best =
+                (0..among.len()).max_by(|&j, &k| score(j).total_cmp(&score(k)).then(k.cmp(&j))).unwrap();
+            Best { score: score(best), index: best as u32 }
         };
         for (i, best) in found.of_rows.iter().enumerate() {
-            assert_eq!(best.index, nearest(&rows, i, &columns), "row {i}");
+            assert_eq!(*best, nearest(&rows, i, &columns), "row {i}");
         }
         for (j, best) in found.of_columns.iter().enumerate() {
-            assert_eq!(best.index, nearest(&columns, j, &rows), "column {j}");
+            assert_eq!(*best, nearest(&columns, j, &rows), "column {j}");
         }
     }
 

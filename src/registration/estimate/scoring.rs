@@ -100,10 +100,10 @@ impl Correspondences {
     #[inline(always)]
     fn squared_distances(&self, moved: &[[f32; LANES]; 3], first: usize) -> [f32; LANES] {
         let mut squared = [0.0f32; LANES];
-        for axis in 0..3 {
-            let target = &self.target[axis][first..first + LANES];
+        for (moved, target) in moved.iter().zip(&self.target) {
+            let target = &target[first..first + LANES];
             for l in 0..LANES {
-                let d = moved[axis][l] - target[l];
+                let d = moved[l] - target[l];
                 squared[l] += d * d;
             }
         }
@@ -151,10 +151,9 @@ impl Moved {
     fn sources(&self, source: &[Vec<f32>; 3], start: usize) -> [[f32; LANES]; 3] {
         let [sx, sy, sz] = [0, 1, 2].map(|a| &source[a][start..start + LANES]);
         let mut moved = [[0.0f32; LANES]; 3];
-        for axis in 0..3 {
-            let ([rx, ry, rz], t) = (self.rotation[axis], self.translation[axis]);
+        for ((moved, [rx, ry, rz]), t) in moved.iter_mut().zip(&self.rotation).zip(&self.translation) {
             for l in 0..LANES {
-                moved[axis][l] = rx * sx[l] + ry * sy[l] + rz * sz[l] + t;
+                moved[l] = rx * sx[l] + ry * sy[l] + rz * sz[l] + t;
             }
         }
         moved
