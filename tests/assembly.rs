@@ -180,6 +180,45 @@ fn a_review_moves_a_scan_that_stands_in_the_wrong_place() {
 }
 
 #[test]
+fn a_scan_that_has_a_better_place_in_another_component_is_stated_to_be_undecided() {
+    let places = two_places();
+    with_assembly(|assessor, pairs| {
+        // The final support of a scan in a group, beside another group.
+        let support_of = |scan: usize, group: &[usize], other: &[usize]| {
+            let member = |&k: &usize| (ScanId(k), places.world_from_scan[k]);
+            let home = group.iter().chain([&scan]).map(member).collect();
+            let groups = vec![home, other.iter().map(member).collect()];
+            let mut assembly = Assembly::of_groups(assessor, places.keypoints(), groups);
+            assembly.add_pairs(pairs.clone());
+            let finished = assembly.finish();
+            let at = finished[0].component.members.iter().position(|m| m.0 == ScanId(scan)).unwrap();
+            finished[0].supports[at]
+        };
+        let mut seen = 0;
+        for scan in 0..places.first {
+            let others: Vec<usize> = (0..places.first).filter(|&k| k != scan).collect();
+            let (a, b) = others.split_at(others.len() / 2);
+            let [in_a, in_b] = [a, b].map(|group| support_of(scan, group, &[]));
+            let (poor, rich, little, much) =
+                if in_a.inliers < in_b.inliers { (a, b, in_a, in_b) } else { (b, a, in_b, in_a) };
+            // Where either place is one that nobody would doubt without the other.
+            if little.probability < Some(0.9) || much.inliers < 2 * little.inliers {
+                continue;
+            }
+            seen += 1;
+            let rivalled = support_of(scan, poor, rich);
+            assert_eq!(rivalled.probability, Some(0.5), "{little:?} {rivalled:?}");
+            assert!(rivalled.runner_up.abs_diff(much.inliers) * 10 <= much.inliers, "{much:?} {rivalled:?}");
+            assert_eq!(rivalled.inliers, little.inliers);
+            // The better place has nothing to fear from the other one, and a lone scan claims nobody.
+            assert_eq!(support_of(scan, rich, poor), much);
+            assert_eq!(support_of(scan, poor, &rich[..1]), little);
+        }
+        assert!(seen > 0);
+    });
+}
+
+#[test]
 fn two_halves_join_at_the_true_relative_pose() {
     let places = two_places();
     with_assembly(|assessor, pairs| {

@@ -23,7 +23,8 @@ pub struct Support {
     pub matches: usize,
     /// Matches within τ under the pose.
     pub inliers: usize,
-    /// Inliers of the next distinct hypothesis.
+    /// Inliers of the next distinct hypothesis, in the same component or, where they leave the pose
+    /// undecided, in another.
     pub runner_up: usize,
     /// Matches that the pose would bring within τ if they were paired at random.
     #[serde(default)]

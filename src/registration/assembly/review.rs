@@ -2,6 +2,7 @@
 
 use super::super::assessment::{Assessment, RIVAL, fit_stride};
 use super::super::estimate::same_motion;
+use super::super::evidence;
 use super::trial::REFUTED_RIVAL;
 use super::{Assembly, Component, ComponentId};
 use crate::error::Result;
@@ -28,6 +29,67 @@ const PLACES: usize = 4;
 const CONTENDER: usize = 2;
 
 impl Assembly<'_> {
+    /// The pairs that link a scan with scans of a group, and the poses in the group that their hypotheses
+    /// give it, each with its probability; most probable first.
+    fn proposals_for(
+        &self,
+        scan: ScanId,
+        group: &BTreeMap<ScanId, RigidMotion>,
+    ) -> (Vec<usize>, Vec<(RigidMotion, f64)>) {
+        let (mut pairs, mut proposals) = (Vec::new(), Vec::new());
+        for (p, pair) in self.pairs.iter().enumerate() {
+            let other = match scan {
+                _ if scan == pair.j => pair.i,
+                _ if scan == pair.i => pair.j,
+                _ => continue,
+            };
+            let Some(world_from_other) = group.get(&other) else { continue };
+            pairs.push(p);
+            proposals.extend(pair.hypotheses.iter().map(|h| {
+                let other_from_scan = if scan == pair.j { h.a_from_b } else { h.a_from_b.inverse() };
+                (world_from_other * other_from_scan, h.probability())
+            }));
+        }
+        proposals.sort_by(|x, y| y.1.total_cmp(&x.1));
+        (pairs, proposals)
+    }
+
+    /// The place with most inliers that another component has for a member of this one, of those that it
+    /// is sure enough of.
+    fn claim(&self, home: ComponentId, scan: ScanId) -> Option<Support> {
+        let accept = self.config().evidence.accept;
+        let alone = [(scan, RigidMotion::identity())];
+        let of_component = |other: &Component| {
+            let poses: BTreeMap<ScanId, RigidMotion> = other.members.iter().copied().collect();
+            let (pairs, proposals) = self.proposals_for(scan, &poses);
+            let motions: Vec<RigidMotion> =
+                proposals.into_iter().take_while(|p| p.1 >= accept).map(|p| p.0).collect();
+            if motions.is_empty() {
+                return None;
+            }
+            let matches = self.matches_between(&pairs, &poses, &alone.into_iter().collect());
+            let (group, single) = (self.posed(&other.members), self.posed(&alone));
+            let found = self.assessor.assess(&group, &single, &motions, &matches);
+            let sure = found.into_iter().filter(|f| f.probability() >= accept);
+            sure.map(|f| f.support).max_by_key(|s| s.inliers)
+        };
+        let others = self.components.iter().filter(|(id, c)| **id != home && c.members.len() > 1);
+        others.filter_map(|(_, other)| of_component(other)).max_by_key(|s| s.inliers)
+    }
+
+    /// The support of a member of a component in the light of the places that other components have for
+    /// it: one with matches enough to leave the present place undecided is its rival, whatever it is that
+    /// keeps the two apart.
+    fn against_others(&self, home: ComponentId, scan: ScanId, support: Support) -> Support {
+        let Some(claim) = self.claim(home, scan) else { return support };
+        let rivalled = Support { runner_up: support.runner_up.max(claim.inliers), ..support };
+        if !evidence::is_undecided(&rivalled) {
+            return support;
+        }
+        tracing::debug!("scan {scan} has another component's place as well, {support:?} and {claim:?}");
+        Support { probability: Some(self.assessor.probability(&rivalled)), ..rivalled }
+    }
+
     /// How a member sits among the others of its component as it is, and the best place there is
     /// for it elsewhere among them.
     fn place_of(&self, component: &Component, at: usize) -> (Assessment, Option<Assessment>) {
@@ -37,22 +99,9 @@ impl Assembly<'_> {
         let rest_poses: BTreeMap<ScanId, RigidMotion> = rest.iter().copied().collect();
         let alone = [(scan, RigidMotion::identity())];
         let own: BTreeMap<ScanId, RigidMotion> = alone.into_iter().collect();
-        let pairs: Vec<usize> =
-            (0..self.pairs.len()).filter(|&p| self.pairs[p].i == scan || self.pairs[p].j == scan).collect();
+        let (pairs, proposals) = self.proposals_for(scan, &rest_poses);
         let matches = self.matches_between(&pairs, &rest_poses, &own);
         let (group, single) = (self.posed(&rest), self.posed(&alone));
-        let mut proposals: Vec<(RigidMotion, f64)> = Vec::new();
-        for &p in &pairs {
-            let pair = &self.pairs[p];
-            for h in &pair.hypotheses {
-                let (other, other_from_scan) =
-                    if pair.j == scan { (pair.i, h.a_from_b) } else { (pair.j, h.a_from_b.inverse()) };
-                if let Some(world) = rest_poses.get(&other) {
-                    proposals.push((world * other_from_scan, h.probability()));
-                }
-            }
-        }
-        proposals.sort_by(|x, y| y.1.total_cmp(&x.1));
         let centre = self.assessor.models[scan.0].centre.cast::<f64>();
         let radius_m = self.assessor.radius_m;
         let same = |x: &RigidMotion, y: &RigidMotion| same_motion(x, y, &centre, radius_m);
@@ -193,8 +242,12 @@ impl Assembly<'_> {
             .iter()
             .map(|(&id, c)| match (c.members.len(), self.reviewed.get(&id)) {
                 (1, _) => vec![offered(id)],
-                (_, Some(supports)) => supports.clone(),
-                (n, None) => (0..n).into_par_iter().map(|m| self.place_of(c, m).0.support).collect(),
+                (n, known) => (0..n)
+                    .into_par_iter()
+                    .map(|m| known.map_or_else(|| self.place_of(c, m).0.support, |supports| supports[m]))
+                    .zip(&c.members)
+                    .map(|(support, member)| self.against_others(id, member.0, support))
+                    .collect(),
             })
             .collect();
         let holds: Vec<Vec<Hold>> = self.components.values().map(|c| self.holds(c)).collect();
