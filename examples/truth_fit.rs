@@ -14,12 +14,10 @@ use scanweave::config::Config;
 use scanweave::descriptor::{scale, surface};
 use scanweave::evaluation::ground_truth::{LO_MATCH_OVERLAP, MATCH_OVERLAP, benchmark_pairs, overlap_matrix};
 use scanweave::geometry::{Point, RigidMotion};
+use scanweave::registration::evidence::MOST_VIOLATION_OF_RIGHT;
 use scanweave::registration::scan_model::ScanModel;
 use scanweave::registration::surface_fit::{Posed, SurfaceFit, surface_fit};
 use scanweave::scan::{PointCloud, Surface};
-
-/// Share of points in space seen to be empty that contradicts a pose.
-const CONTRADICTION: f64 = 0.125;
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -71,7 +69,7 @@ fn scene(folder: &str, list: bool) -> Result<(), Failure> {
             median(|f| f.normal_agreement),
             median(|f| f.plane_residual),
             median(|f| f.violation),
-            fits.iter().filter(|f| f.violation > CONTRADICTION).count()
+            fits.iter().filter(|f| f.violation > MOST_VIOLATION_OF_RIGHT).count()
         );
         for ((i, j), f) in pairs.iter().zip(&fits).filter(|_| list) {
             println!(

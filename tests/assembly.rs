@@ -13,6 +13,7 @@ use scanweave::registration::scan_model::ScanModel;
 use scanweave::scan::{Reconstruction, Scan, ScanId, SimilarityMatrix, Support};
 use scanweave::synthetic::{SynthConfig, generate};
 use scanweave::{Monitor, Silent};
+use std::collections::BTreeSet;
 use std::sync::OnceLock;
 
 /// Scans of two interiors with nothing in common, the second's after the first's.
@@ -179,42 +180,77 @@ fn a_review_moves_a_scan_that_stands_in_the_wrong_place() {
     });
 }
 
+/// Two groups of scans of one place, the first with one more scan.
+fn beside<'a>(
+    assessor: &'a Assessor<'a>,
+    pairs: &[ScanPair],
+    scan: usize,
+    group: &[usize],
+    other: &[usize],
+) -> Assembly<'a> {
+    let places = two_places();
+    let member = |&k: &usize| (ScanId(k), places.world_from_scan[k]);
+    let home = group.iter().chain([&scan]).map(member).collect();
+    let groups = vec![home, other.iter().map(member).collect()];
+    let mut assembly = Assembly::of_groups(assessor, places.keypoints(), groups);
+    assembly.add_pairs(pairs.to_vec());
+    assembly
+}
+
+/// The component that a scan ended in, and the scan's support.
+fn end_of(assembly: Assembly<'_>, scan: usize) -> (Vec<(ScanId, RigidMotion)>, Support) {
+    let found = assembly.finish().into_iter().find_map(|f| {
+        let at = f.component.members.iter().position(|m| m.0 == ScanId(scan))?;
+        Some((f.component.members, f.supports[at]))
+    });
+    found.unwrap()
+}
+
 #[test]
-fn a_scan_that_has_a_better_place_in_another_component_is_stated_to_be_undecided() {
+fn a_scan_that_has_a_better_place_in_another_component_moves_there_or_is_stated_to_be_undecided() {
     let places = two_places();
     with_assembly(|assessor, pairs| {
-        // The final support of a scan in a group, beside another group.
-        let support_of = |scan: usize, group: &[usize], other: &[usize]| {
-            let member = |&k: &usize| (ScanId(k), places.world_from_scan[k]);
-            let home = group.iter().chain([&scan]).map(member).collect();
-            let groups = vec![home, other.iter().map(member).collect()];
-            let mut assembly = Assembly::of_groups(assessor, places.keypoints(), groups);
-            assembly.add_pairs(pairs.clone());
-            let finished = assembly.finish();
-            let at = finished[0].component.members.iter().position(|m| m.0 == ScanId(scan)).unwrap();
-            finished[0].supports[at]
-        };
-        let mut seen = 0;
+        let (mut undecided, mut moved) = (0, 0);
         for scan in 0..places.first {
             let others: Vec<usize> = (0..places.first).filter(|&k| k != scan).collect();
             let (a, b) = others.split_at(others.len() / 2);
-            let [in_a, in_b] = [a, b].map(|group| support_of(scan, group, &[]));
+            let support = |group: &[usize], other: &[usize]| {
+                end_of(beside(assessor, &pairs, scan, group, other), scan).1
+            };
+            let [in_a, in_b] = [a, b].map(|group| support(group, &[]));
             let (poor, rich, little, much) =
                 if in_a.inliers < in_b.inliers { (a, b, in_a, in_b) } else { (b, a, in_b, in_a) };
             // Where either place is one that nobody would doubt without the other.
             if little.probability < Some(0.9) || much.inliers < 2 * little.inliers {
                 continue;
             }
-            seen += 1;
-            let rivalled = support_of(scan, poor, rich);
+            undecided += 1;
+            let rivalled = support(poor, rich);
             assert_eq!(rivalled.probability, Some(0.5), "{little:?} {rivalled:?}");
             assert!(rivalled.runner_up.abs_diff(much.inliers) * 10 <= much.inliers, "{much:?} {rivalled:?}");
             assert_eq!(rivalled.inliers, little.inliers);
             // The better place has nothing to fear from the other one, and a lone scan claims nobody.
-            assert_eq!(support_of(scan, rich, poor), much);
-            assert_eq!(support_of(scan, poor, &rich[..1]), little);
+            assert_eq!(support(rich, poor), much);
+            assert_eq!(support(poor, &rich[..1]), little);
+            let share = |s: &Support| s.inliers as f64 / s.matches as f64;
+            if (share(&much) / share(&little) - 2.0).abs() < 0.5 {
+                continue;
+            }
+            // Neither more matches nor a larger share of them suffices alone.
+            let moves = share(&much) > 2.0 * share(&little);
+            moved += usize::from(moves);
+            let mut assembly = beside(assessor, &pairs, scan, poor, rich);
+            assembly.review(&Silent).unwrap();
+            let (members, after) = end_of(assembly, scan);
+            let expected: BTreeSet<ScanId> =
+                if moves { rich } else { poor }.iter().chain([&scan]).map(|&k| ScanId(k)).collect();
+            assert_eq!(members.iter().map(|m| m.0).collect::<BTreeSet<_>>(), expected);
+            assert_eq!(after.probability > Some(0.9), moves, "{after:?}");
+            let pose = members.iter().find(|m| m.0 == ScanId(scan)).unwrap().1;
+            let error = PoseError::between(&pose, &places.world_from_scan[scan]);
+            assert!(error.translation_m < 0.05 && error.rotation_deg < 1.0, "{error:?}");
         }
-        assert!(seen > 0);
+        assert!(undecided > moved && moved > 0, "{moved} of {undecided} move");
     });
 }
 

@@ -259,7 +259,7 @@ impl NearestMap {
 
     /// [`Self::near`] of every place, [`NOBODY`] for `None`. Maps lie in distant memory: here it is not
     /// waited for one place at a time.
-    pub fn near_each(&self, places: &[Point], found: &mut Vec<u32>) {
+    pub fn near_each(&self, places: &[Point]) -> Vec<u32> {
         const NOWHERE: usize = usize::MAX;
         let side = SIDE as usize;
         let number = |p| self.row_and_voxel(p).map_or(NOWHERE, |(row, voxel)| row * side + voxel);
@@ -277,13 +277,11 @@ impl NearestMap {
                 if v == NOWHERE { nobody } else { there }
             })
         }
-        found.clear();
         match &self.nearest {
-            Indices::Few(of) => found.extend(
-                each(of, &voxels, NOBODY_OF_FEW)
-                    .map(|i| if i == NOBODY_OF_FEW { NOBODY } else { u32::from(i) }),
-            ),
-            Indices::Many(of) => found.extend(each(of, &voxels, NOBODY)),
+            Indices::Few(of) => each(of, &voxels, NOBODY_OF_FEW)
+                .map(|i| if i == NOBODY_OF_FEW { NOBODY } else { u32::from(i) })
+                .collect(),
+            Indices::Many(of) => each(of, &voxels, NOBODY).collect(),
         }
     }
 
@@ -326,8 +324,7 @@ mod tests {
             for q in &queries {
                 // Independent of the map: every point is looked at.
                 let least = points.iter().map(|p| (p - q).norm()).min_by(f32::total_cmp);
-                let mut each = Vec::new();
-                map.near_each(std::slice::from_ref(q), &mut each);
+                let each = map.near_each(std::slice::from_ref(q));
                 prop_assert_eq!(each, vec![map.near(q).map_or(NOBODY, |i| i as u32)]);
                 match (map.near(q), least) {
                     (Some(i), Some(least)) => prop_assert!((points[i] - q).norm() <= least + diagonal + 1e-5),
@@ -370,8 +367,7 @@ mod tests {
             let points: Vec<Point> = (0..n).map(row).collect();
             let map = NearestMap::new(&points, 0.3);
             assert!((0..n).all(|i| map.near(&points[i]) == Some(i)), "of {n} points");
-            let mut each = Vec::new();
-            map.near_each(&points, &mut each);
+            let each = map.near_each(&points);
             assert!(each.into_iter().eq(0..n as u32), "of {n} points");
             assert_eq!(map.near(&Point::new(0.5, 0.5, 0.0)), None);
         }

@@ -1,6 +1,7 @@
 //! State of a registration that joins components, strongest evidence first, and the mechanism
 //! of its steps; [`super::agglomerate`] says when each happens.
 
+mod claim;
 mod hold;
 mod link;
 mod refinement;

@@ -19,7 +19,7 @@ const MOST_VIOLATION: f64 = 0.2;
 /// Violation that a right pose does not exceed where viewpoints are believed: 9 of 3082 right proposals
 /// did of those that `examples/evidence_calibration.rs` measured in four 3DMatch scenes and two
 /// synthetic buildings, and three quarters of the wrong ones.
-pub(super) const MOST_VIOLATION_OF_RIGHT: f64 = 0.125;
+pub const MOST_VIOLATION_OF_RIGHT: f64 = 0.125;
 
 /// Whether the viewpoints of the scans can be believed, and with them what lies in space seen to be
 /// empty: then the surest pairs, judged without it, show next to none.

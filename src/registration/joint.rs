@@ -198,8 +198,7 @@ fn overlapping_pairs(
         let probes = points.iter().step_by(step);
         let count = probes.len();
         let moved: Vec<Point> = probes.map(|p| mover.point(p)).collect();
-        let mut near = Vec::with_capacity(count);
-        scans[to].model.near_each(&moved, radius_m, &mut near);
+        let near = scans[to].model.near_each(&moved, radius_m);
         (near.iter().filter(|&&k| k != NOBODY).count(), count)
     };
     (0..scans.len())
@@ -284,8 +283,7 @@ fn pair_term(
         // Another share of the points for every partner.
         let sampled = sampled.skip(to % stride).step_by(stride);
         let moved: Vec<Point> = sampled.clone().map(|(p, _)| mover.point(p)).collect();
-        let mut near = Vec::with_capacity(moved.len());
-        model.near_each(&moved, radius_m as f32, &mut near);
+        let near = model.near_each(&moved, radius_m as f32);
         let touching = sampled.zip(&moved).zip(&near).filter(|found| *found.1 != NOBODY);
         for (((_, normal), moved), &k) in touching {
             let k = k as usize;
@@ -324,8 +322,7 @@ fn add_shades(
         let mover = PointMover::new(&(poses[to].inverse() * poses[from]));
         let (model, sample) = (scans[to].model, &samples[from]);
         let places = mover.points(&sample.points);
-        let mut near = Vec::with_capacity(places.len());
-        model.near_each(&places, radius_m as f32, &mut near);
+        let near = model.near_each(&places, radius_m as f32);
         let touch = |(((&place, &nearest), normal), &shade): (((&Point, &u32), &Direction), &f32)| {
             let nearest = Some(nearest).filter(|&k| k != NOBODY)? as usize;
             let facing = mover.direction(normal).dot(&model.surface.normals[nearest]);

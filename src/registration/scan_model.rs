@@ -95,14 +95,15 @@ impl<'a> ScanModel<'a> {
     }
 
     /// [`Self::near`] of every place in the scan's frame, [`NOBODY`] for `None`.
-    pub fn near_each(&self, places: &[Point], radius_m: f32, found: &mut Vec<u32>) {
-        self.map(radius_m).near_each(places, found);
-        let Some(last) = self.surface.len().checked_sub(1) else { return };
+    pub fn near_each(&self, places: &[Point], radius_m: f32) -> Vec<u32> {
+        let mut found = self.map(radius_m).near_each(places);
+        let Some(last) = self.surface.len().checked_sub(1) else { return found };
         for (found, place) in found.iter_mut().zip(places) {
             // Of any point: a branch would be guessed wrongly and wait.
             let squared = (self.surface.points[(*found as usize).min(last)] - place).norm_squared();
             *found = if squared <= radius_m * radius_m { *found } else { NOBODY };
         }
+        found
     }
 
     fn map(&self, radius_m: f32) -> &NearestMap {
@@ -188,6 +189,30 @@ mod tests {
         assert_eq!(at(-1.0, 0.0), None);
         assert_eq!(at(0.5, 3.0), None);
         assert!((model.centre - Point::new(3.0, -0.025, -0.025)).norm() < 1e-5);
+    }
+
+    #[test]
+    fn places_beyond_the_radius_have_no_point_near_whether_asked_one_by_one_or_together() {
+        let wall = wall();
+        let model = ScanModel::with_sizes(&wall, 0.07, 100, 0.14);
+        for radius_m in [0.03f32, 0.07, 0.1, 0.14] {
+            // Up to twice the radius in front of a point of the wall: the wall's other points are further.
+            let away: Vec<f32> = (0..=40).map(|k| radius_m * k as f32 / 20.0).collect();
+            let places: Vec<Point> = away.iter().map(|d| Point::new(3.0 - d, 0.0, 0.0)).collect();
+            let found = model.near_each(&places, radius_m);
+            for ((place, away), found) in places.iter().zip(away).zip(found) {
+                assert_eq!(model.near(place, radius_m).map_or(NOBODY, |i| i as u32), found);
+                // The map may miss none within the radius and the distance tells those beyond it.
+                if (away - radius_m).abs() > 1e-4 {
+                    assert_eq!(found != NOBODY, away < radius_m, "{away} of {radius_m}");
+                }
+            }
+        }
+        let nothing = Surface::default();
+        assert_eq!(
+            ScanModel::with_sizes(&nothing, 0.07, 1, 0.14).near_each(&[Point::origin()], 0.07),
+            [NOBODY]
+        );
     }
 
     #[test]

@@ -229,18 +229,13 @@ struct Touches<'a> {
     rows: Vec<usize>,
     touches: Vec<Touch>,
     violated: Vec<bool>,
-    /// Of the scan that is being compared: where the points lie in its frame, and which of its own points
-    /// are near.
-    moved: Vec<Point>,
-    near: Vec<u32>,
 }
 
 impl<'a> Touches<'a> {
     fn new(model: &'a ScanModel<'a>, world_from_scan: RigidMotion, stride: usize) -> Self {
         let rows: Vec<usize> = model.sample.iter().step_by(stride).map(|&i| i as usize).collect();
         let (touches, violated) = (vec![Touch::Nothing; rows.len()], vec![false; rows.len()]);
-        let (moved, near) = (Vec::with_capacity(rows.len()), Vec::with_capacity(rows.len()));
-        Self { model, world_from_scan, rows, touches, violated, moved, near }
+        Self { model, world_from_scan, rows, touches, violated }
     }
 
     /// Takes in one scan of the other group; whether any point touches it.
@@ -263,13 +258,11 @@ impl<'a> Touches<'a> {
             return false;
         }
         let mut touched = false;
-        self.moved.clear();
-        self.moved.extend(self.rows.iter().map(|&row| mover.point(&model.surface.points[row])));
-        other.near_each(&self.moved, radius_m, &mut self.near);
+        let moved: Vec<Point> =
+            self.rows.iter().map(|&row| mover.point(&model.surface.points[row])).collect();
+        let near = other.near_each(&moved, radius_m);
         let state = self.touches.iter_mut().zip(&mut self.violated);
-        for (((&row, &moved), &near), (touch, violated)) in
-            self.rows.iter().zip(&self.moved).zip(&self.near).zip(state)
-        {
+        for (((&row, moved), near), (touch, violated)) in self.rows.iter().zip(moved).zip(near).zip(state) {
             if near != NOBODY {
                 let near = near as usize;
                 touched = true;

@@ -2,7 +2,7 @@
 
 use super::super::assessment::{Assessment, RIVAL, fit_stride};
 use super::super::estimate::same_motion;
-use super::super::evidence;
+use super::claim::Claim;
 use super::trial::REFUTED_RIVAL;
 use super::{Assembly, Component, ComponentId};
 use crate::error::Result;
@@ -27,11 +27,10 @@ pub struct Finished {
 const PLACES: usize = 4;
 /// Another place may be better when it has one in so many of the inliers of the present one.
 const CONTENDER: usize = 2;
-
 impl Assembly<'_> {
     /// The pairs that link a scan with scans of a group, and the poses in the group that their hypotheses
     /// give it, each with its probability; most probable first.
-    fn proposals_for(
+    pub(super) fn proposals_for(
         &self,
         scan: ScanId,
         group: &BTreeMap<ScanId, RigidMotion>,
@@ -52,42 +51,6 @@ impl Assembly<'_> {
         }
         proposals.sort_by(|x, y| y.1.total_cmp(&x.1));
         (pairs, proposals)
-    }
-
-    /// The place with most inliers that another component has for a member of this one, of those that it
-    /// is sure enough of.
-    fn claim(&self, home: ComponentId, scan: ScanId) -> Option<Support> {
-        let accept = self.config().evidence.accept;
-        let alone = [(scan, RigidMotion::identity())];
-        let of_component = |other: &Component| {
-            let poses: BTreeMap<ScanId, RigidMotion> = other.members.iter().copied().collect();
-            let (pairs, proposals) = self.proposals_for(scan, &poses);
-            let motions: Vec<RigidMotion> =
-                proposals.into_iter().take_while(|p| p.1 >= accept).map(|p| p.0).collect();
-            if motions.is_empty() {
-                return None;
-            }
-            let matches = self.matches_between(&pairs, &poses, &alone.into_iter().collect());
-            let (group, single) = (self.posed(&other.members), self.posed(&alone));
-            let found = self.assessor.assess(&group, &single, &motions, &matches);
-            let sure = found.into_iter().filter(|f| f.probability() >= accept);
-            sure.map(|f| f.support).max_by_key(|s| s.inliers)
-        };
-        let others = self.components.iter().filter(|(id, c)| **id != home && c.members.len() > 1);
-        others.filter_map(|(_, other)| of_component(other)).max_by_key(|s| s.inliers)
-    }
-
-    /// The support of a member of a component in the light of the places that other components have for
-    /// it: one with matches enough to leave the present place undecided is its rival, whatever it is that
-    /// keeps the two apart.
-    fn against_others(&self, home: ComponentId, scan: ScanId, support: Support) -> Support {
-        let Some(claim) = self.claim(home, scan) else { return support };
-        let rivalled = Support { runner_up: support.runner_up.max(claim.inliers), ..support };
-        if !evidence::is_undecided(&rivalled) {
-            return support;
-        }
-        tracing::debug!("scan {scan} has another component's place as well, {support:?} and {claim:?}");
-        Support { probability: Some(self.assessor.probability(&rivalled)), ..rivalled }
     }
 
     /// How a member sits among the others of its component as it is, and the best place there is
@@ -164,6 +127,7 @@ impl Assembly<'_> {
     /// Only when the monitor is cancelled.
     pub fn review(&mut self, monitor: &dyn Monitor) -> Result<usize> {
         let mut changed = 0;
+        let mut claimed: Vec<(ScanId, Claim)> = Vec::new();
         for id in self.components.keys().copied().collect::<Vec<_>>() {
             monitor.check("registration")?;
             let component = &self.components[&id];
@@ -172,10 +136,28 @@ impl Assembly<'_> {
             }
             let places: Vec<(Assessment, Option<Assessment>)> =
                 (0..component.members.len()).into_par_iter().map(|m| self.place_of(component, m)).collect();
+            let claims: Vec<Option<Claim>> = (&component.members, &places)
+                .into_par_iter()
+                .map(|(member, (current, _))| self.better_claim(id, member.0, current))
+                .collect();
             let (mut out, before) = (Vec::new(), changed);
             let former = component.members.clone();
             let mut component = component.clone();
-            for (member, (current, elsewhere)) in component.members.iter_mut().zip(&places) {
+            for ((member, (current, elsewhere)), claim) in
+                component.members.iter_mut().zip(&places).zip(claims)
+            {
+                if let Some(claim) = claim {
+                    let there = &claim.assessment.support;
+                    tracing::debug!(
+                        "review: scan {} is claimed, {:?} by {there:?}",
+                        member.0,
+                        current.support
+                    );
+                    out.push(member.0);
+                    claimed.push((member.0, claim));
+                    changed += 1;
+                    continue;
+                }
                 let better = elsewhere.filter(|e| {
                     e.probability() >= self.config().evidence.accept
                         && e.probability() > current.probability()
@@ -223,6 +205,7 @@ impl Assembly<'_> {
         if changed > 0 {
             self.relink();
         }
+        self.join_claimed(&claimed);
         Ok(changed)
     }
 

@@ -1,0 +1,101 @@
+//! Places that other components have for scans which are placed already.
+
+use super::super::assessment::Assessment;
+use super::super::evidence;
+use super::{Assembly, Component, ComponentId, Proposal};
+use crate::geometry::RigidMotion;
+use crate::scan::{ScanId, Support};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Another component has a better place when it has so many times the inliers of the present one, and so
+/// many times the share of inliers among matches.
+const OUTWEIGHS: usize = 2;
+
+/// A place that another component has for a placed scan.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Claim {
+    /// The scan of that component, and its pair with the claimed one, that speak for it most.
+    by: ScanId,
+    pair: usize,
+    /// The place there.
+    pub assessment: Assessment,
+}
+
+impl Claim {
+    /// Whether far more matches agree there, in number and in share.
+    fn outweighs(&self, here: &Support) -> bool {
+        let there = &self.assessment.support;
+        let cross = |a: &Support, b: &Support| a.inliers * b.matches;
+        there.inliers > OUTWEIGHS * here.inliers && cross(there, here) > OUTWEIGHS * cross(here, there)
+    }
+}
+
+impl Assembly<'_> {
+    /// The place with most inliers that another component has for a member of this one, of those that it
+    /// is sure enough of.
+    fn claim(&self, home: ComponentId, scan: ScanId) -> Option<Claim> {
+        let accept = self.config().evidence.accept;
+        let alone = [(scan, RigidMotion::identity())];
+        let of_component = |other: &Component| {
+            let poses: BTreeMap<ScanId, RigidMotion> = other.members.iter().copied().collect();
+            let (pairs, proposals) = self.proposals_for(scan, &poses);
+            let motions: Vec<RigidMotion> =
+                proposals.iter().take_while(|p| p.1 >= accept).map(|p| p.0).collect();
+            if motions.is_empty() {
+                return None;
+            }
+            let matches = self.matches_between(&pairs, &poses, &alone.into_iter().collect());
+            let (group, single) = (self.posed(&other.members), self.posed(&alone));
+            let found = self.assessor.assess(&group, &single, &motions, &matches);
+            let sure = found.into_iter().filter(|f| f.probability() >= accept);
+            let assessment = sure.max_by_key(|f| f.support.inliers)?;
+            let surest = |p: &usize| self.pairs[*p].hypotheses.first().map_or(0.0, Assessment::probability);
+            let pair = pairs.into_iter().max_by(|x, y| surest(x).total_cmp(&surest(y)))?;
+            let by = if self.pairs[pair].i == scan { self.pairs[pair].j } else { self.pairs[pair].i };
+            Some(Claim { by, pair, assessment })
+        };
+        let others = self.components.iter().filter(|(id, c)| **id != home && c.members.len() > 1);
+        others.filter_map(|(_, other)| of_component(other)).max_by_key(|c| c.assessment.support.inliers)
+    }
+
+    /// The support of a member of a component in the light of the places that other components have for
+    /// it: one with matches enough to leave the present place undecided is its rival, whatever it is that
+    /// keeps the two apart.
+    pub(super) fn against_others(&self, home: ComponentId, scan: ScanId, support: Support) -> Support {
+        let Some(Claim { assessment: Assessment { support: claim, .. }, .. }) = self.claim(home, scan) else {
+            return support;
+        };
+        let rivalled = Support { runner_up: support.runner_up.max(claim.inliers), ..support };
+        if !evidence::is_undecided(&rivalled) {
+            return support;
+        }
+        tracing::debug!("scan {scan} has another component's place as well, {support:?} and {claim:?}");
+        Support { probability: Some(self.assessor.probability(&rivalled)), ..rivalled }
+    }
+
+    /// The claim that another component has to a member which sits well enough here, but which far more
+    /// matches place there; none to one that a review took out before.
+    pub(super) fn better_claim(&self, home: ComponentId, scan: ScanId, here: &Assessment) -> Option<Claim> {
+        if here.probability() < 0.5 || self.taken_out.contains(&scan) {
+            return None;
+        }
+        self.claim(home, scan).filter(|claim| claim.outweighs(&here.support))
+    }
+
+    /// Joins scans that were taken out to the components that claim them, unless what speaks for that was
+    /// taken out as well.
+    pub(super) fn join_claimed(&mut self, claimed: &[(ScanId, Claim)]) {
+        let gone: BTreeSet<ScanId> = claimed.iter().map(|c| c.0).collect();
+        for &(scan, Claim { by, pair, assessment }) in claimed.iter().filter(|c| !gone.contains(&c.1.by)) {
+            let home = |of: ScanId| {
+                let mut components = self.components.iter();
+                components.find(|(_, c)| c.members.iter().any(|m| m.0 == of)).map(|(id, _)| *id)
+            };
+            let (Some(a), Some(b)) = (home(by), home(scan)) else { continue };
+            // A scan that was taken out for another reason is alone, in a frame of its own.
+            if self.components[&a].members.len() > 1 {
+                self.join(&Proposal { a, b, assessment, pair });
+            }
+        }
+    }
+}
