@@ -36,21 +36,23 @@ impl Assembly<'_> {
     fn claim(&self, home: ComponentId, scan: ScanId) -> Option<Claim> {
         let accept = self.config().evidence.accept;
         let alone = [(scan, RigidMotion::identity())];
+        let surest = |p: usize| self.pairs[p].hypotheses.first().map_or(0.0, Assessment::probability);
+        let pairs = self.pairs_of(scan);
+        let sure: BTreeSet<ScanId> = pairs.iter().filter(|p| surest(p.0) >= accept).map(|p| p.1).collect();
         let of_component = |other: &Component| {
-            let poses: BTreeMap<ScanId, RigidMotion> = other.members.iter().copied().collect();
-            let (pairs, proposals) = self.proposals_for(scan, &poses);
-            let motions: Vec<RigidMotion> =
-                proposals.iter().take_while(|p| p.1 >= accept).map(|p| p.0).collect();
-            if motions.is_empty() {
+            if !other.members.iter().any(|m| sure.contains(&m.0)) {
                 return None;
             }
+            let poses: BTreeMap<ScanId, RigidMotion> = other.members.iter().copied().collect();
+            let (pairs, proposals) = self.proposals_for(scan, &pairs, &poses);
+            let motions: Vec<RigidMotion> =
+                proposals.iter().take_while(|p| p.1 >= accept).map(|p| p.0).collect();
             let matches = self.matches_between(&pairs, &poses, &alone.into_iter().collect());
             let (group, single) = (self.posed(&other.members), self.posed(&alone));
             let found = self.assessor.assess(&group, &single, &motions, &matches);
             let sure = found.into_iter().filter(|f| f.probability() >= accept);
             let assessment = sure.max_by_key(|f| f.support.inliers)?;
-            let surest = |p: &usize| self.pairs[*p].hypotheses.first().map_or(0.0, Assessment::probability);
-            let pair = pairs.into_iter().max_by(|x, y| surest(x).total_cmp(&surest(y)))?;
+            let pair = pairs.into_iter().max_by(|x, y| surest(*x).total_cmp(&surest(*y)))?;
             let by = if self.pairs[pair].i == scan { self.pairs[pair].j } else { self.pairs[pair].i };
             Some(Claim { by, pair, assessment })
         };

@@ -2,6 +2,7 @@
 
 use super::super::assessment::{Assessment, RIVAL, fit_stride};
 use super::super::estimate::same_motion;
+use super::super::pairs::ScanPair;
 use super::claim::Claim;
 use super::trial::REFUTED_RIVAL;
 use super::{Assembly, Component, ComponentId};
@@ -28,29 +29,36 @@ const PLACES: usize = 4;
 /// Another place may be better when it has one in so many of the inliers of the present one.
 const CONTENDER: usize = 2;
 impl Assembly<'_> {
-    /// The pairs that link a scan with scans of a group, and the poses in the group that their hypotheses
-    /// give it, each with its probability; most probable first.
+    /// The pairs that a scan is in, each with its other scan.
+    pub(super) fn pairs_of(&self, scan: ScanId) -> Vec<(usize, ScanId)> {
+        let other = |(p, pair): (usize, &ScanPair)| match scan {
+            _ if scan == pair.j => Some((p, pair.i)),
+            _ if scan == pair.i => Some((p, pair.j)),
+            _ => None,
+        };
+        self.pairs.iter().enumerate().filter_map(other).collect()
+    }
+
+    /// Of the pairs that a scan is in, those with scans of a group, and the poses in the group that their
+    /// hypotheses give it, each with its probability; most probable first.
     pub(super) fn proposals_for(
         &self,
         scan: ScanId,
+        pairs: &[(usize, ScanId)],
         group: &BTreeMap<ScanId, RigidMotion>,
     ) -> (Vec<usize>, Vec<(RigidMotion, f64)>) {
-        let (mut pairs, mut proposals) = (Vec::new(), Vec::new());
-        for (p, pair) in self.pairs.iter().enumerate() {
-            let other = match scan {
-                _ if scan == pair.j => pair.i,
-                _ if scan == pair.i => pair.j,
-                _ => continue,
-            };
-            let Some(world_from_other) = group.get(&other) else { continue };
-            pairs.push(p);
+        let (mut linking, mut proposals) = (Vec::new(), Vec::new());
+        for (p, other) in pairs {
+            let Some(world_from_other) = group.get(other) else { continue };
+            let pair = &self.pairs[*p];
+            linking.push(*p);
             proposals.extend(pair.hypotheses.iter().map(|h| {
                 let other_from_scan = if scan == pair.j { h.a_from_b } else { h.a_from_b.inverse() };
                 (world_from_other * other_from_scan, h.probability())
             }));
         }
         proposals.sort_by(|x, y| y.1.total_cmp(&x.1));
-        (pairs, proposals)
+        (linking, proposals)
     }
 
     /// How a member sits among the others of its component as it is, and the best place there is
@@ -62,7 +70,7 @@ impl Assembly<'_> {
         let rest_poses: BTreeMap<ScanId, RigidMotion> = rest.iter().copied().collect();
         let alone = [(scan, RigidMotion::identity())];
         let own: BTreeMap<ScanId, RigidMotion> = alone.into_iter().collect();
-        let (pairs, proposals) = self.proposals_for(scan, &rest_poses);
+        let (pairs, proposals) = self.proposals_for(scan, &self.pairs_of(scan), &rest_poses);
         let matches = self.matches_between(&pairs, &rest_poses, &own);
         let (group, single) = (self.posed(&rest), self.posed(&alone));
         let centre = self.assessor.models[scan.0].centre.cast::<f64>();
