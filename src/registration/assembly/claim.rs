@@ -21,19 +21,22 @@ pub(super) struct Claim {
     pub assessment: Assessment,
 }
 
-impl Claim {
-    /// Whether far more matches agree there, in number and in share.
-    fn outweighs(&self, here: &Support) -> bool {
-        let there = &self.assessment.support;
-        let cross = |a: &Support, b: &Support| a.inliers * b.matches;
-        there.inliers > OUTWEIGHS * here.inliers && cross(there, here) > OUTWEIGHS * cross(here, there)
-    }
+/// Whether far more matches agree at one place than at another, in number and in share.
+fn outweighs(there: &Support, here: &Support) -> bool {
+    let cross = |a: &Support, b: &Support| a.inliers * b.matches;
+    there.inliers > OUTWEIGHS * here.inliers && cross(there, here) > OUTWEIGHS * cross(here, there)
+}
+
+/// A support that counts another component's place as a rival.
+fn rivalled(here: &Support, there: &Support) -> Support {
+    Support { runner_up: here.runner_up.max(there.inliers), ..*here }
 }
 
 impl Assembly<'_> {
     /// The place with most inliers that another component has for a member of this one, of those that it
-    /// is sure enough of.
-    fn claim(&self, home: ComponentId, scan: ScanId) -> Option<Claim> {
+    /// is sure enough of. Components with no place that is `worth_it`, by what is known of its support at a
+    /// glance (matches, and how many of them a pair of scans brings within 2τ), are not looked at.
+    fn claim(&self, home: ComponentId, scan: ScanId, worth_it: impl Fn(&Support) -> bool) -> Option<Claim> {
         let accept = self.config().evidence.accept;
         let alone = [(scan, RigidMotion::identity())];
         let surest = |p: usize| self.pairs[p].hypotheses.first().map_or(0.0, Assessment::probability);
@@ -48,6 +51,13 @@ impl Assembly<'_> {
             let motions: Vec<RigidMotion> =
                 proposals.iter().take_while(|p| p.1 >= accept).map(|p| p.0).collect();
             let matches = self.matches_between(&pairs, &poses, &alone.into_iter().collect());
+            let glance = |motion: &RigidMotion| {
+                let inliers = matches.count(motion, 2.0 * self.assessor.radius_m);
+                worth_it(&Support { matches: matches.len(), inliers, ..Support::default() })
+            };
+            if !motions.iter().any(glance) {
+                return None;
+            }
             let (group, single) = (self.posed(&other.members), self.posed(&alone));
             let found = self.assessor.assess(&group, &single, &motions, &matches);
             let sure = found.into_iter().filter(|f| f.probability() >= accept);
@@ -64,15 +74,15 @@ impl Assembly<'_> {
     /// it: one with matches enough to leave the present place undecided is its rival, whatever it is that
     /// keeps the two apart.
     pub(super) fn against_others(&self, home: ComponentId, scan: ScanId, support: Support) -> Support {
-        let Some(Claim { assessment: Assessment { support: claim, .. }, .. }) = self.claim(home, scan) else {
-            return support;
-        };
-        let rivalled = Support { runner_up: support.runner_up.max(claim.inliers), ..support };
-        if !evidence::is_undecided(&rivalled) {
+        let undecided = |there: &Support| evidence::is_undecided(&rivalled(&support, there));
+        let Some(claim) = self.claim(home, scan, undecided) else { return support };
+        let there = claim.assessment.support;
+        if !undecided(&there) {
             return support;
         }
-        tracing::debug!("scan {scan} has another component's place as well, {support:?} and {claim:?}");
-        Support { probability: Some(self.assessor.probability(&rivalled)), ..rivalled }
+        tracing::debug!("scan {scan} has another component's place as well, {support:?} and {there:?}");
+        let support = rivalled(&support, &there);
+        Support { probability: Some(self.assessor.probability(&support)), ..support }
     }
 
     /// The claim that another component has to a member which sits well enough here, but which far more
@@ -81,7 +91,8 @@ impl Assembly<'_> {
         if here.probability() < 0.5 || self.taken_out.contains(&scan) {
             return None;
         }
-        self.claim(home, scan).filter(|claim| claim.outweighs(&here.support))
+        let better = |there: &Support| outweighs(there, &here.support);
+        self.claim(home, scan, better).filter(|claim| better(&claim.assessment.support))
     }
 
     /// Joins scans that were taken out to the components that claim them, unless what speaks for that was
