@@ -14,7 +14,7 @@ use scanweave::scan::{Reconstruction, Scan, ScanId, SimilarityMatrix, Support};
 use scanweave::synthetic::{SynthConfig, generate};
 use scanweave::{Monitor, Silent};
 use std::collections::BTreeSet;
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock};
 
 /// Scans of two interiors with nothing in common, the second's after the first's.
 struct TwoPlaces {
@@ -448,7 +448,7 @@ fn of_strangers<T>(scans: usize, pairs: Vec<ScanPair>, work: impl FnOnce(&mut As
 }
 
 #[test]
-fn a_second_look_is_at_the_most_similar_pairs_and_at_no_more_than_were_seen() {
+fn a_further_look_is_at_the_most_similar_pairs_and_at_no_more_than_were_seen() {
     const N: usize = 30;
     let like = |i: usize, j: usize| ((i * j * 7919 + (i + j) * 104_729) % 100_003) as f32 / 100_003.0;
     let similarity = SimilarityMatrix::new(N, (0..N * N).map(|k| like(k / N, k % N)).collect()).unwrap();
@@ -476,6 +476,83 @@ fn a_second_look_is_at_the_most_similar_pairs_and_at_no_more_than_were_seen() {
     let expected: Vec<(ScanId, ScanId)> =
         of_rank(most).into_iter().map(|(i, j)| (ScanId(i), ScanId(j))).collect();
     assert_eq!(unseen, expected);
+}
+
+/// How many pairs of scans were registered at a time.
+#[derive(Default)]
+struct Looks(Mutex<Vec<usize>>);
+
+impl Monitor for Looks {
+    fn begin(&self, stage: &str, total: usize) {
+        if stage == "pairs" {
+            self.0.lock().unwrap().push(total);
+        }
+    }
+}
+
+/// Both places with the `similarity` of two scans; the result and the pairs registered at every look.
+fn looked_at(config: &Config, similarity: impl Fn(usize, usize) -> f32) -> (Reconstruction, Vec<usize>) {
+    let places = two_places();
+    let n = places.world_from_scan.len();
+    let values = (0..n * n).map(|k| similarity(k / n, k % n)).collect();
+    let similarity = SimilarityMatrix::new(n, values).unwrap();
+    let looks = Looks::default();
+    let mut clock = Stopwatch::default();
+    let r = pipeline::register_described(&places.described, &similarity, config, &looks, &mut clock).unwrap();
+    (r, looks.0.into_inner().unwrap())
+}
+
+#[test]
+fn a_scan_whose_place_similarity_does_not_know_is_found_by_further_looks() {
+    let places = two_places();
+    let (n, lost) = (places.world_from_scan.len(), places.first / 2);
+    let order: Vec<usize> = (0..n).collect();
+    let same_place = |i: usize, j: usize| (i < places.first) == (j < places.first);
+    // The lost scan is like every scan of the other place rather than like one of its own.
+    let like = |i: usize, j: usize| match () {
+        () if i == j => 1.0,
+        () if (i == lost || j == lost) && same_place(i, j) => 0.1,
+        () if i == lost || j == lost => 0.2,
+        () if same_place(i, j) => 0.9,
+        () => 0.3,
+    };
+    let with = |further_looks: usize| {
+        let mut config = places.config.clone();
+        config.registration.assembly.neighbours = 3;
+        config.registration.assembly.further_looks = further_looks;
+        let (r, looks) = looked_at(&config, like);
+        let own = (0..places.first).filter(|&k| k != lost);
+        let errors: Vec<PoseError> = own.filter_map(|k| places.error(&r, &order, k, lost)).collect();
+        (errors, looks)
+    };
+    let (errors, looks) = with(0);
+    assert!(errors.is_empty() && looks.len() == 1, "{errors:?} {looks:?}");
+    let (errors, looks) = with(2);
+    assert!(errors.len() + 2 >= places.first, "{errors:?} {looks:?}");
+    assert!(errors.iter().all(|e| e.translation_m < 0.15 && e.rotation_deg < 4.0), "{errors:?}");
+    assert!(looks.len() == 3 && looks[1] <= looks[0] && looks[2] <= looks[0] + looks[1], "{looks:?}");
+}
+
+#[test]
+fn before_a_further_look_certain_joins_are_made_and_no_others() {
+    let places = two_places();
+    let n = places.world_from_scan.len();
+    let like = |i: usize, j: usize| ((i * j * 7919 + (i + j) * 104_729) % 100_003) as f32 / 100_003.0;
+    let with = |confident: f64| {
+        let mut config = places.config.clone();
+        config.registration.assembly.neighbours = 6;
+        config.registration.assembly.further_looks = 1;
+        config.registration.evidence.confident = confident;
+        looked_at(&config, like).1
+    };
+    let all = n * (n - 1) / 2;
+    // Where nothing is certain enough every scan is alone, and compared with all others.
+    let looks = with(1.0);
+    assert_eq!(looks.iter().sum::<usize>(), all, "{looks:?}");
+    // Scans that were joined are compared with those of other components only.
+    let looks = with(0.95);
+    let seen = looks.iter().sum::<usize>();
+    assert!(seen + 5 < all, "{looks:?}, of {all}");
 }
 
 #[test]

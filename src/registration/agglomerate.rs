@@ -3,7 +3,8 @@
 //! The published method grows one meta-shape from one pivot and must take the best candidate
 //! there is at each step. Here every scan starts as a meta-shape of its own, any two may join,
 //! and the most certain join of all is made first: what is doubtful waits until both sides have
-//! grown and more scans can speak for it or against it.
+//! grown and more scans can speak for it or against it. So do the pairs: few are registered at
+//! first, and more where the certain joins of these left scans apart.
 
 use super::assembly::{Assembly, Component, Finished};
 use super::assessment::Assessor;
@@ -54,12 +55,15 @@ pub(super) fn register(
     let keypoints = scans.iter().map(|s| s.features.keypoints.as_slice()).collect();
     let mut assembly = Assembly::new(&assessor, keypoints, &usable);
     assembly.add_pairs(pairs);
-    join_all(&mut assembly, config, monitor)?;
-    if config.assembly.second_look {
+    for _ in 0..config.assembly.further_looks {
+        join_certain(&mut assembly, config, monitor)?;
         let unseen = assembly.unseen_pairs(similarity);
+        if unseen.is_empty() {
+            break;
+        }
         assembly.add_pairs(pairwise.register(&unseen, &assessor, monitor)?);
-        join_all(&mut assembly, config, monitor)?;
     }
+    join_all(&mut assembly, config, monitor)?;
     assembly.refine_all(monitor)?;
     tracing::debug!("all poses refined");
     for _ in 0..if config.assembly.review { REVIEWS } else { 0 } {
@@ -73,6 +77,23 @@ pub(super) fn register(
     let components = assembly.finish();
     tracing::debug!("supports measured");
     Ok(conclude(scans, components, &mut refusals, &assessor))
+}
+
+/// Makes the joins that nobody doubts, the most certain first.
+fn join_certain(
+    assembly: &mut Assembly<'_>,
+    config: &RegistrationConfig,
+    monitor: &dyn Monitor,
+) -> Result<()> {
+    while let Some(join) = assembly.best_join(monitor)? {
+        if join.probability() < config.evidence.confident {
+            break;
+        }
+        tracing::debug!("certain: {}", assembly.describe(&join));
+        assembly.join(&join);
+        assembly.refine_grown(monitor)?;
+    }
+    Ok(())
 }
 
 /// Makes joins, the most certain first, until none is certain enough.

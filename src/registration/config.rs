@@ -283,8 +283,10 @@ pub enum Strategy {
 pub struct AssemblyConfig {
     /// Most similar scans that every scan is registered with at first.
     pub neighbours: usize,
-    /// Whether components that found no join are compared with all others in the end.
-    pub second_look: bool,
+    /// How often scans that the certain joins left outside the largest component are then registered
+    /// with more of the others, the most similar first and each time with at most as many pairs as
+    /// were registered before.
+    pub further_looks: usize,
     /// Whether placed scans are looked at again when everything is known, and moved or taken
     /// out where that speaks against their place.
     pub review: bool,
@@ -294,7 +296,7 @@ pub struct AssemblyConfig {
 
 impl Default for AssemblyConfig {
     fn default() -> Self {
-        Self { neighbours: 25, second_look: true, review: true, trials: true }
+        Self { neighbours: 12, further_looks: 2, review: true, trials: true }
     }
 }
 

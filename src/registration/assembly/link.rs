@@ -13,7 +13,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Clusters of pairwise hypotheses of two components that are assessed.
 const CLUSTERS: usize = 8;
-/// Scans of other components that a scan is compared with in the second look.
+/// Scans of other components that a scan is compared with in a further look.
 const LOOKED_AT: usize = 40;
 
 /// What is known about two components' relative pose.
