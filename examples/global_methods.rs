@@ -1,11 +1,11 @@
 //! The rivals of the incremental method on real scenes, from the same features.
 //!
 //! Usage: `cargo run --release --example global_methods -- [--keypoints N] [--preset NAME]
-//! [--set KEY=VALUE] [--features DIR] [--weights LITS_FILE] [--cache DIR] [--no-incremental] DATA SCENE…`
+//! [--set KEY=VALUE] [--features DIR] [--weights LITS_FILE] [--cache DIR] [--no-incremental | --default-only] DATA SCENE…`
 //!
 //! Features are computed, or read from DIR/SCENE/<scan>.npz: N keypoints a scan (2500), a sample where
 //! more are given. Of the settings by `--set` the run of the preset `default` takes over those of the
-//! descriptor.
+//! descriptor. `--default-only` prints the lines of `default` alone.
 //!
 //! DATA holds 3dmatch/SCENE/PointCloud and benchmarks/{3DMatch,3DLoMatch}/SCENE. For every scene
 //! and pose graph the pairs are registered once, and every method gets the same graph; no
@@ -40,6 +40,7 @@ struct Options {
     cache: Option<PathBuf>,
     keypoints: usize,
     incremental: bool,
+    default_only: bool,
     data: PathBuf,
     scenes: Vec<String>,
 }
@@ -83,7 +84,8 @@ fn main() -> Result<(), Failure> {
 
 fn options() -> Result<Options, Failure> {
     let (mut preset, mut keypoints, mut weights, mut cache) = ("paper".to_owned(), 2500, None, None);
-    let (mut incremental, mut features, mut set, mut rest) = (true, None, Vec::new(), Vec::new());
+    let (mut incremental, mut default_only) = (true, false);
+    let (mut features, mut set, mut rest) = (None, Vec::new(), Vec::new());
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         let mut value = || arguments.next().ok_or_else(|| format!("{argument} needs a value"));
@@ -95,6 +97,7 @@ fn options() -> Result<Options, Failure> {
             "--cache" => cache = Some(PathBuf::from(value()?)),
             "--features" => features = Some(PathBuf::from(value()?)),
             "--no-incremental" => incremental = false,
+            "--default-only" => default_only = true,
             _ => rest.push(argument),
         }
     }
@@ -111,7 +114,7 @@ fn options() -> Result<Options, Failure> {
         config.descriptor.kind = DescriptorKind::Precomputed;
     }
     let data = PathBuf::from(rest.remove(0));
-    Ok(Options { config, lits, features, cache, keypoints, incremental, data, scenes: rest })
+    Ok(Options { config, lits, features, cache, keypoints, incremental, default_only, data, scenes: rest })
 }
 
 /// Lines of one scene, each with its place in the table and its label.
@@ -137,7 +140,8 @@ fn scene(options: &Options, name: &str) -> Result<Vec<(usize, String, Line)>, Fa
     };
     let source = given.as_deref().map_or(FeatureSource::Cached(&folder), FeatureSource::Given);
     let mut lines = Vec::new();
-    for (g, (kind, graph_name)) in GRAPHS.into_iter().enumerate() {
+    let graphs = if options.default_only { &[][..] } else { &GRAPHS };
+    for (g, &(kind, graph_name)) in graphs.iter().enumerate() {
         let mut config = options.config.clone();
         config.registration.joint.enabled = false;
         (config.method, config.synchronization.graph) = (Choice::Sghr, kind);
@@ -170,7 +174,8 @@ fn scene(options: &Options, name: &str) -> Result<Vec<(usize, String, Line)>, Fa
     if options.incremental {
         let mut default = Config::preset("default")?;
         default.descriptor = options.config.descriptor.clone();
-        for (rank, label, config) in [(98, "incremental", &options.config), (99, "default", &default)] {
+        let both = [(98, "incremental", &options.config), (99, "default", &default)];
+        for (rank, label, config) in both.into_iter().skip(usize::from(options.default_only)) {
             let (run, seconds) = timed(&scans, config, &source, &folder)?;
             let recalls = recalls(&run.reconstruction, &scans, &benchmarks)?;
             print(name, "–", label, &recalls, 0, "", (0.0, seconds));
