@@ -183,12 +183,14 @@ fn open(arguments: &RunOptions) -> Result<(), Error> {
 }
 
 fn remove_old_run(folder: &Path) -> Result<(), Error> {
-    run_folder::OF_A_RUN.iter().map(|name| folder.join(name)).try_for_each(|path| match std::fs::remove_file(
-        &path,
-    ) {
-        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::write(path, e)),
-        _ => Ok(()),
-    })
+    for name in run_folder::OF_A_RUN {
+        let path = folder.join(name);
+        match std::fs::remove_file(&path) {
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(Error::write(path, e)),
+            _ => {}
+        }
+    }
+    Ok(())
 }
 
 fn print(report: &TrainReport, k: usize) -> Result<(), Error> {
