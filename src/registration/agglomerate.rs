@@ -56,7 +56,7 @@ pub(super) fn register(
     let mut assembly = Assembly::new(&assessor, keypoints, &usable);
     assembly.add_pairs(pairs);
     for _ in 0..config.assembly.further_looks {
-        join_certain(&mut assembly, config, monitor)?;
+        join_at_least(config.evidence.confident, &mut assembly, monitor)?;
         let unseen = assembly.unseen_pairs(similarity);
         if unseen.is_empty() {
             break;
@@ -79,33 +79,27 @@ pub(super) fn register(
     Ok(conclude(scans, components, &mut refusals, &assessor))
 }
 
-/// Makes the joins that nobody doubts, the most certain first.
-fn join_certain(
-    assembly: &mut Assembly<'_>,
-    config: &RegistrationConfig,
-    monitor: &dyn Monitor,
-) -> Result<()> {
+/// Makes joins that are at least so probable, the most certain first; whether one is left that is not.
+fn join_at_least(probability: f64, assembly: &mut Assembly<'_>, monitor: &dyn Monitor) -> Result<bool> {
     while let Some(join) = assembly.best_join(monitor)? {
-        if join.probability() < config.evidence.confident {
-            break;
+        let made = join.probability() >= probability;
+        tracing::debug!(made, "{}", assembly.describe(&join));
+        if !made {
+            return Ok(true);
         }
-        tracing::debug!("certain: {}", assembly.describe(&join));
         assembly.join(&join);
         assembly.refine_grown(monitor)?;
     }
-    Ok(())
+    Ok(false)
 }
 
-/// Makes joins, the most certain first, until none is certain enough.
+/// Makes joins, the most certain first, until none is certain enough and no trial finds one.
 fn join_all(assembly: &mut Assembly<'_>, config: &RegistrationConfig, monitor: &dyn Monitor) -> Result<()> {
-    while let Some(join) = assembly.best_join(monitor)? {
-        let made = join.probability() >= config.evidence.accept;
-        tracing::debug!(made, "{}", assembly.describe(&join));
-        if made {
-            assembly.join(&join);
-        } else if !(config.assembly.trials && config.joint.enabled && assembly.join_by_trial(monitor)?) {
-            break;
-        }
+    let trials = config.assembly.trials && config.joint.enabled;
+    while join_at_least(config.evidence.accept, assembly, monitor)?
+        && trials
+        && assembly.join_by_trial(monitor)?
+    {
         assembly.refine_grown(monitor)?;
     }
     Ok(())

@@ -283,9 +283,7 @@ pub enum Strategy {
 pub struct AssemblyConfig {
     /// Most similar scans that every scan is registered with at first.
     pub neighbours: usize,
-    /// How often scans that the certain joins left outside the largest component are then registered
-    /// with more of the others, the most similar first and each time with at most as many pairs as
-    /// were registered before.
+    /// Further looks: scans that certain joins left apart are registered with more of the most similar.
     pub further_looks: usize,
     /// Whether placed scans are looked at again when everything is known, and moved or taken
     /// out where that speaks against their place.
