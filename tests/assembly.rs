@@ -447,11 +447,15 @@ fn of_strangers<T>(scans: usize, pairs: Vec<ScanPair>, work: impl FnOnce(&mut As
     work(&mut assembly)
 }
 
+/// A similarity that says nothing, and the same for both orders of two scans.
+fn arbitrary(i: usize, j: usize) -> f32 {
+    ((i * j * 7919 + (i + j) * 104_729) % 100_003) as f32 / 100_003.0
+}
+
 #[test]
 fn a_further_look_is_at_the_most_similar_pairs_and_at_no_more_than_were_seen() {
     const N: usize = 30;
-    let like = |i: usize, j: usize| ((i * j * 7919 + (i + j) * 104_729) % 100_003) as f32 / 100_003.0;
-    let similarity = SimilarityMatrix::new(N, (0..N * N).map(|k| like(k / N, k % N)).collect()).unwrap();
+    let similarity = SimilarityMatrix::new(N, (0..N * N).map(|k| arbitrary(k / N, k % N)).collect()).unwrap();
     let stranger = |i: usize, j: usize| ScanPair {
         i: ScanId(i),
         j: ScanId(j),
@@ -464,7 +468,7 @@ fn a_further_look_is_at_the_most_similar_pairs_and_at_no_more_than_were_seen() {
     // By how many others that were not seen a scan is more like the one than like the other.
     let rank = |i: usize, j: usize| {
         let others = (0..N).filter(|&k| k != i && !seen.contains(&(i.min(k), i.max(k))));
-        others.filter(|&k| like(i, k) > like(i, j)).count()
+        others.filter(|&k| arbitrary(i, k) > arbitrary(i, j)).count()
     };
     let of_rank = |most: usize| {
         let all = (0..N).flat_map(|i| (i + 1..N).map(move |j| (i, j))).filter(|p| !seen.contains(p));
@@ -537,13 +541,12 @@ fn a_scan_whose_place_similarity_does_not_know_is_found_by_further_looks() {
 fn before_a_further_look_certain_joins_are_made_and_no_others() {
     let places = two_places();
     let n = places.world_from_scan.len();
-    let like = |i: usize, j: usize| ((i * j * 7919 + (i + j) * 104_729) % 100_003) as f32 / 100_003.0;
     let with = |confident: f64| {
         let mut config = places.config.clone();
         config.registration.assembly.neighbours = 6;
         config.registration.assembly.further_looks = 1;
         config.registration.evidence.confident = confident;
-        looked_at(&config, like).1
+        looked_at(&config, arbitrary).1
     };
     let all = n * (n - 1) / 2;
     // Where nothing is certain enough every scan is alone, and compared with all others.

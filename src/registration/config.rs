@@ -283,7 +283,7 @@ pub enum Strategy {
 pub struct AssemblyConfig {
     /// Most similar scans that every scan is registered with at first.
     pub neighbours: usize,
-    /// Further looks: scans that certain joins left apart are registered with more of the most similar.
+    /// Number of further looks, which register scans that certain joins left apart with more of the others.
     pub further_looks: usize,
     /// Whether placed scans are looked at again when everything is known, and moved or taken
     /// out where that speaks against their place.
