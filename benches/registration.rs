@@ -5,9 +5,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use scanweave::geometry::Point;
 use scanweave::registration::config::{EstimatorConfig, EstimatorKind};
-use scanweave::registration::estimate::estimate;
-use scanweave::registration::matching::Matches;
-use scanweave::registration::nearest::{Columns, nearest_both};
+use scanweave::registration::pairwise::estimate::estimate;
+use scanweave::registration::pairwise::matching::Matches;
+use scanweave::registration::pairwise::nearest::{Columns, nearest_both};
 use scanweave::scan::Descriptors;
 use std::hint::black_box;
 

@@ -13,8 +13,8 @@ use burn::tensor::{Device, Tensor, TensorData};
 use clap::Parser;
 use rayon::prelude::*;
 use scanweave::Silent;
-use scanweave::descriptor::spinnet::train::initial_weights;
-use scanweave::descriptor::spinnet::{self, Architecture, Network};
+use scanweave::training::mini_spin_net::initial_weights;
+use scanweave::descriptor::mini_spin_net::{self, Architecture, Network};
 use scanweave::descriptor::{KeypointConfig, WorkingScale, keypoints, surface};
 use scanweave::geometry::Point;
 use scanweave::synthetic::{self, SynthConfig};
@@ -45,8 +45,8 @@ fn main() -> Result<()> {
     let arguments = Arguments::parse();
     rayon::ThreadPoolBuilder::new().num_threads(arguments.threads).build_global()?;
     let weights = match &arguments.checkpoint {
-        Some(path) => spinnet::Checkpoint::load(path)?.weights,
-        None => initial_weights(&Architecture::default(), 0),
+        Some(path) => mini_spin_net::Checkpoint::load(path)?.weights,
+        None => Weights::initial(&Architecture::default(), 0),
     };
     let shapes = weights.architecture.shapes();
     let products: usize = shapes.iter().filter(|s| s.taps == TAPS).map(|s| s.inputs * s.outputs * TAPS).sum();
@@ -65,7 +65,7 @@ fn main() -> Result<()> {
     let seconds = fastest(arguments.repeat, || {
         let radius_m = scale.feature_radius_m as f32;
         let viewpoint = &scan.cloud.viewpoint;
-        std::hint::black_box(spinnet::descriptors(
+        std::hint::black_box(mini_spin_net::descriptors(
             &network,
             &surface.points,
             viewpoint,

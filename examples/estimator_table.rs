@@ -12,8 +12,8 @@ use rand_chacha::ChaCha8Rng;
 use scanweave::geometry::rigid::{rotation_error_rad, translation_error_m};
 use scanweave::geometry::{Point, RigidMotion};
 use scanweave::registration::config::{EstimatorConfig, EstimatorKind};
-use scanweave::registration::estimate::estimate;
-use scanweave::registration::matching::Matches;
+use scanweave::registration::pairwise::estimate::estimate;
+use scanweave::registration::pairwise::matching::Matches;
 use std::time::Instant;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

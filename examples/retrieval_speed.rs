@@ -5,7 +5,7 @@
 use rand::{RngExt, SeedableRng};
 use scanweave::Silent;
 use scanweave::geometry::{Point, RigidMotion};
-use scanweave::retrieval::train::{TrainConfig, TrainingData, TrainingScene, train};
+use scanweave::training::overlap_head::{TrainConfig, TrainingData, TrainingScene, train};
 use scanweave::retrieval::{DescriptorTag, RetrievalConfig, similarity_of};
 use scanweave::scan::{Descriptors, Features};
 use std::time::Instant;

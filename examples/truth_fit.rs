@@ -14,9 +14,9 @@ use scanweave::config::Config;
 use scanweave::descriptor::{scale, surface};
 use scanweave::evaluation::ground_truth::{LO_MATCH_OVERLAP, MATCH_OVERLAP, benchmark_pairs, overlap_matrix};
 use scanweave::geometry::{Point, RigidMotion};
-use scanweave::registration::evidence::MOST_VIOLATION_OF_RIGHT;
+use scanweave::registration::verification::probability::MOST_VIOLATION_OF_RIGHT;
 use scanweave::registration::scan_model::ScanModel;
-use scanweave::registration::surface_fit::{Posed, SurfaceFit, surface_fit};
+use scanweave::registration::verification::surface_fit::{Posed, SurfaceFit, surface_fit};
 use scanweave::scan::{PointCloud, Surface};
 
 type Failure = Box<dyn std::error::Error>;

@@ -1,16 +1,8 @@
-//! Registration of an unordered pile of partially overlapping 3-D scans.
+//! Registration of unordered, partially overlapping 3-D scans.
 //!
-//! What flows where:
-//!
-//! ```text
-//! files → Scan → Surface, Features → SimilarityMatrix → Reconstruction → poses, merged cloud, report
-//!     io     descriptor        retrieval        registration          report, io
-//! ```
-//!
-//! [`pipeline::run`] is that line as code; [`registration::incremental`] is the algorithm.
-//! Poses are `target_from_source`, a scan's pose is `world_from_scan`; lengths are metres,
-//! angles radians. The order of scans carries no meaning. The library neither prints nor
-//! panics: it returns [`Error`]s and reports progress to a [`Monitor`].
+//! The registration itself is [`scanweave_core`], which this crate re-exports: one `scanweave` is
+//! all that a program names. What is added here needs Burn or is not needed to register scans:
+//! training, import of weights, evaluation, benchmarks, reports, synthetic data.
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 #![cfg_attr(
@@ -28,31 +20,17 @@
 )]
 
 pub mod benchmark;
-pub mod config;
-pub mod descriptor;
-pub mod error;
 pub mod evaluation;
 pub mod fusion;
-pub mod geometry;
-pub mod io;
-pub mod monitor;
-pub mod pipeline;
 pub mod preparation;
-pub mod registration;
 pub mod report;
-pub mod retrieval;
-pub mod run_folder;
-pub mod scan;
-pub mod synchronization;
 pub mod synthetic;
-pub mod tensor_file;
 pub mod training;
+pub mod weight_import;
+
+pub use scanweave_core::*;
 
 /// The examples of the README, compiled with the tests.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 pub struct ReadmeExamples;
-
-pub use config::Config;
-pub use error::{Error, ErrorKind, Result};
-pub use monitor::{Monitor, Silent};

@@ -4,11 +4,11 @@ use scanweave::config::Config;
 use scanweave::evaluation::pose_error::PoseError;
 use scanweave::geometry::{Point, RigidMotion};
 use scanweave::pipeline::{self, Described, FeatureSource, Stopwatch};
-use scanweave::registration::assembly::Assembly;
-use scanweave::registration::assessment::{Assessment, Assessor};
-use scanweave::registration::evidence;
-use scanweave::registration::incremental::ScanInput;
-use scanweave::registration::pairs::{PairRegistration, ScanPair, most_similar_pairs};
+use scanweave::registration::agglomerative::Assembly;
+use scanweave::registration::verification::verifier::{Assessment, Assessor};
+use scanweave::registration::verification::probability;
+use scanweave::registration::ScanInput;
+use scanweave::registration::agglomerative::pairs::{PairRegistration, ScanPair, most_similar_pairs};
 use scanweave::registration::scan_model::ScanModel;
 use scanweave::scan::{Reconstruction, Scan, ScanId, SimilarityMatrix, Support};
 use scanweave::synthetic::{SynthConfig, generate};
@@ -124,7 +124,7 @@ fn threads_do_not_change_a_bit() {
 
 /// Everything an [`Assembly`] of the first place needs.
 fn with_assembly<T>(
-    work: impl FnOnce(&Assessor<'_>, Vec<scanweave::registration::pairs::ScanPair>) -> T,
+    work: impl FnOnce(&Assessor<'_>, Vec<scanweave::registration::agglomerative::pairs::ScanPair>) -> T,
 ) -> T {
     let places = two_places();
     let described = &places.described;

@@ -7,8 +7,8 @@ use ndarray::Array2;
 use ndarray_npy::NpzReader;
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
-use scanweave::descriptor::spinnet::train::initial_weights;
-use scanweave::descriptor::spinnet::{Architecture, Checkpoint, Meta};
+use scanweave::training::mini_spin_net::initial_weights;
+use scanweave::descriptor::mini_spin_net::{Architecture, Checkpoint, Meta};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
@@ -26,7 +26,7 @@ fn network(path: &Path, seed: u64) -> PathBuf {
         metrics: Default::default(),
         steps: 0,
     };
-    Checkpoint { meta, weights: initial_weights(&architecture, seed) }.save(path).unwrap();
+    Checkpoint { meta, weights: Weights::initial(&architecture, seed) }.save(path).unwrap();
     path.to_path_buf()
 }
 

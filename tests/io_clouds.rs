@@ -143,8 +143,8 @@ proptest! {
         let (name, mut bytes) = match kind {
             0 => ("a.ply", foreign_ply(&rows, Encoding::Ascii, true)),
             1 => ("a.ply", foreign_ply(&rows, Encoding::BinaryLittleEndian, true)),
-            2 => ("a.pcd", foreign_pcd(&rows, pcd_rs::DataKind::BinaryCompressed)),
-            3 => ("a.pcd", foreign_pcd(&rows, pcd_rs::DataKind::Binary)),
+            2 => ("a.pcd", foreign_pcd("line_binary_compressed")),
+            3 => ("a.pcd", foreign_pcd("line_binary")),
             _ => ("a.npz", npz()),
         };
         let place = (at * bytes.len() as f64) as usize;
@@ -264,39 +264,10 @@ fn truncated_and_miscounted_ply_say_what_was_found() {
     assert!(failure("k.ply", huge).contains("0 of 18446744073709551615"));
 }
 
-/// A PCD by pcd-rs: x y z and a packed colour.
-fn foreign_pcd(rows: &[[f64; 3]], data: pcd_rs::DataKind) -> Vec<u8> {
-    use pcd_rs::{DynRecord, Field, Schema, ValueKind, WriterInit};
-    let dir = folder();
-    let path = dir.path().join("w.pcd");
-    let mut writer = WriterInit {
-        width: rows.len() as u64,
-        height: 1,
-        viewpoint: Default::default(),
-        data_kind: data,
-        schema: Some(Schema::from_iter([
-            ("tag", ValueKind::U8, 3),
-            ("x", ValueKind::F32, 1),
-            ("y", ValueKind::F64, 1),
-            ("z", ValueKind::F32, 1),
-            ("rgb", ValueKind::U32, 1),
-        ])),
-        version: None,
-    }
-    .create::<DynRecord, _>(&path)
-    .unwrap();
-    for (i, r) in rows.iter().enumerate() {
-        let record = DynRecord(vec![
-            Field::U8(vec![1, 2, 3]),
-            Field::F32(vec![r[0] as f32]),
-            Field::F64(vec![r[1]]),
-            Field::F32(vec![r[2] as f32]),
-            Field::U32(vec![0xff00_0000 | (i as u32) << 16 | 0x1020]),
-        ]);
-        writer.push(&record).unwrap();
-    }
-    writer.finish().unwrap();
-    std::fs::read(&path).unwrap()
+/// A PCD by pypcd4 (scripts/pcd_fixtures.py): a tag, x y z and a packed colour.
+fn foreign_pcd(name: &str) -> Vec<u8> {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/pcd");
+    std::fs::read(folder.join(format!("{name}.pcd"))).unwrap()
 }
 
 #[test]
@@ -304,10 +275,10 @@ fn pcd_of_another_writer_in_all_three_encodings() {
     let rows: Vec<[f64; 3]> = (0..200).map(|i| [f64::from(i) * 0.1, -2.0, f64::from(i % 7)]).collect();
     let expected: Vec<Point> = rows.iter().map(|r| Point::from(r.map(|v| v as f32))).collect();
     let colors: Vec<[u8; 3]> = (0..200).map(|i| [i as u8, 0x10, 0x20]).collect();
-    for kind in [pcd_rs::DataKind::Ascii, pcd_rs::DataKind::Binary, pcd_rs::DataKind::BinaryCompressed] {
-        let cloud = read("a.pcd", foreign_pcd(&rows, kind));
-        assert_eq!(cloud.points, expected, "{kind:?}");
-        assert_eq!(cloud.colors.as_ref(), Some(&colors), "{kind:?}");
+    for kind in ["ascii", "binary", "binary_compressed"] {
+        let cloud = read("a.pcd", foreign_pcd(&format!("grid_{kind}")));
+        assert_eq!(cloud.points, expected, "{kind}");
+        assert_eq!(cloud.colors.as_ref(), Some(&colors), "{kind}");
     }
 }
 
@@ -345,16 +316,15 @@ fn pcd_viewpoint_colour_and_nan() {
 
 #[test]
 fn damaged_pcd_say_what_was_found() {
-    let rows = vec![[1.0, 2.0, 3.0]; 50];
-    // A row is 3 + 4 + 8 + 4 + 4 = 23 bytes.
-    let binary = foreign_pcd(&rows, pcd_rs::DataKind::Binary);
+    // A row is 1 + 4 + 8 + 4 + 4 = 21 bytes.
+    let binary = foreign_pcd("same_binary");
     let message = failure("a.pcd", &binary[..binary.len() - 30]);
-    assert!(message.contains("1120 bytes of data with 48 complete points"), "{message}");
-    assert!(message.contains("1150 bytes with 50 points"), "{message}");
+    assert!(message.contains("1020 bytes of data with 48 complete points"), "{message}");
+    assert!(message.contains("1050 bytes with 50 points"), "{message}");
     let mut long = binary.clone();
     long.extend([7; 46]);
     assert!(failure("l.pcd", &long).contains("52 complete points"));
-    let packed = foreign_pcd(&rows, pcd_rs::DataKind::BinaryCompressed);
+    let packed = foreign_pcd("same_binary_compressed");
     assert!(failure("b.pcd", &packed[..packed.len() - 5]).contains("bytes of compressed data"));
 
     let text = pcd("x y z", "4 4 4", "F F F", "", 3, "1 2 3\n4 5 6\n");

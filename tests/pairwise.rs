@@ -6,8 +6,8 @@ use rand_chacha::ChaCha8Rng;
 use scanweave::geometry::rigid::{PointMover, rotation_error_rad, translation_error_m};
 use scanweave::geometry::{Direction, Point, RigidMotion};
 use scanweave::registration::RegistrationConfig;
-use scanweave::registration::incremental::{Lengths, ScanInput};
-use scanweave::registration::pairwise::Pairwise;
+use scanweave::registration::{Lengths, ScanInput};
+use scanweave::registration::pairwise::edge::Pairwise;
 use scanweave::scan::{DeclineReason, Descriptors, Features, ScanId, Surface};
 
 const LENGTHS: Lengths = Lengths { inlier_radius_m: 0.07, voxel_m: 0.025 };

@@ -10,6 +10,7 @@ use scanweave::geometry::RigidMotion;
 use scanweave::geometry::rigid::{motion_from_matrix, rotation_error_rad, translation_error_m};
 use scanweave::scan::{DeclineReason, PairRegistration, PoseEdge, PoseGraph, ScanId};
 use scanweave::synchronization::{LitsWeights, Method, synchronize};
+use scanweave::weight_import::lits::lits;
 use serde::Deserialize;
 use std::path::PathBuf;
 
@@ -54,7 +55,7 @@ fn assert_agrees(name: &str, reference: &str) {
         return;
     };
     let path = PathBuf::from(data).join("../weights/lits").join(name);
-    let weights = LitsWeights::import(&path).unwrap();
+    let weights = lits(&path).unwrap();
     // Through a file of our own, which must change nothing.
     let folder = tempfile::tempdir().unwrap();
     let own = folder.path().join("lits.safetensors");
@@ -86,7 +87,7 @@ fn other_files_are_refused_and_missing_weights_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("weights");
     std::fs::write(&path, b"not weights").unwrap();
-    for error in [LitsWeights::import(&path).unwrap_err(), LitsWeights::load(&path).unwrap_err()] {
+    for error in [lits(&path).unwrap_err(), LitsWeights::load(&path).unwrap_err()] {
         assert!(error.to_string().contains("weights: found"), "{error}");
     }
     let reference: Reference = serde_json::from_str(include_str!("fixtures/lits_3dmatch.json")).unwrap();

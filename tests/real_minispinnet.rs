@@ -4,7 +4,8 @@
 
 use ndarray::{Array1, Array2, Array3};
 use ndarray_npy::NpzReader;
-use scanweave::descriptor::spinnet::{Network, Patch, Workspace, import};
+use scanweave::descriptor::mini_spin_net::{Network, Patch, Workspace};
+use scanweave::weight_import::mini_spin_net::buffer;
 use std::fs::File;
 use std::path::PathBuf;
 
@@ -35,7 +36,7 @@ fn descriptors_of_the_published_weights_equal_the_reference() {
             patch
         })
         .collect();
-    let network = Network::new(&import::buffer(&weights).unwrap().weights);
+    let network = Network::new(&buffer(&weights).unwrap().weights);
     let mut values = vec![0.0; patches.len() * 32];
     network.describe(&patches, &mut Workspace::default(), &mut values);
     let worst = values.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0f32, f32::max);

@@ -4,7 +4,8 @@ use ndarray::Array2;
 use ndarray_npy::NpzReader;
 use scanweave::Silent;
 use scanweave::geometry::Point;
-use scanweave::retrieval::{self, RetrievalConfig, fusion, head, import};
+use scanweave::retrieval::{self, RetrievalConfig, fusion, head};
+use scanweave::weight_import::overlap_head as import;
 use scanweave::scan::{Descriptors, Features};
 use std::path::PathBuf;
 
@@ -52,7 +53,7 @@ fn imported_netvlad_agrees_with_the_reference() {
         })
         .collect();
     let scans: Vec<&Descriptors> = features.iter().map(|f| &f.descriptors).collect();
-    let layer = checkpoint.weights.init(&burn::tensor::Device::flex());
+    let layer = checkpoint.weights.head();
     let global: Vec<Vec<f32>> =
         head::global_features(&layer, &scans, &Silent).unwrap().into_iter().flatten().collect();
     let expected = read(&mut npz, "global_features");

@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use scanweave::geometry::rigid::{rotation_error_rad, translation_error_m};
 use scanweave::geometry::{Direction, Point, RigidMotion};
 use scanweave::registration::config::{EstimatorKind, MergeRule, Ordering, RegistrationConfig, Strategy};
-use scanweave::registration::incremental::{Lengths, ScanInput, register};
+use scanweave::registration::{Lengths, ScanInput, register};
 use scanweave::scan::{
     DeclineReason, Descriptors, Features, Outcome, Reconstruction, ScanId, SimilarityMatrix, Surface,
 };

@@ -5,7 +5,7 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use scanweave::geometry::{Point, RigidMotion};
-use scanweave::retrieval::train::{
+use scanweave::training::overlap_head::{
     CentroidStart, Record, TrainConfig, TrainReport, TrainingData, TrainingScene, train,
 };
 use scanweave::retrieval::{Checkpoint, DescriptorTag, RetrievalConfig, similarity_of};

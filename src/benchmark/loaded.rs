@@ -15,7 +15,7 @@ use crate::geometry::{Point, RigidMotion};
 use crate::io;
 use crate::monitor::Monitor;
 use crate::pipeline::{self, Described, FeatureSource, PairCache, Stopwatch};
-use crate::report::run::StageTime;
+use crate::result::run::StageTime;
 use crate::scan::{Features, Reconstruction, Scan, SimilarityMatrix};
 use crate::synthetic::{self, SynthConfig};
 use std::collections::BTreeMap;

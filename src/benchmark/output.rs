@@ -12,7 +12,7 @@ use crate::evaluation::pose_error::{ROTATION_THRESHOLDS_DEG, TRANSLATION_THRESHO
 use crate::io::atomic;
 use crate::report::chart;
 use crate::report::grid::csv;
-use crate::retrieval::scores::RetrievalScores;
+use crate::evaluation::retrieval_scores::RetrievalScores;
 use std::io::Write;
 use std::path::Path;
 

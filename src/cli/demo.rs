@@ -8,8 +8,9 @@ use super::{Status, Verbosity, outcome, terminal};
 use clap::Args;
 use scanweave::evaluation::pose_error::PoseError;
 use scanweave::pipeline::{self, FeatureSource, Stopwatch};
-use scanweave::report::merged::MergedCloud;
-use scanweave::report::{run, top_view};
+use scanweave::result::merged::MergedCloud;
+use scanweave::report::top_view;
+use scanweave::result::{self, run};
 use scanweave::scan::{Reconstruction, ScanId};
 use scanweave::synthetic::{self, SyntheticSet};
 use scanweave::{io, report};
@@ -60,7 +61,7 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
     let set = clock.time("scanning", || synthetic::generate(&arguments.scene.config(), &progress))?;
     let run = pipeline::run(&set.scans, &config, &FeatureSource::Computed, &progress)?;
 
-    let poses = report::poses::Document::new(&set.scans, &run.reconstruction);
+    let poses = result::poses::Document::new(&set.scans, &run.reconstruction);
     let verdicts = compare(&set, &run.reconstruction);
     let wrong = verdicts.iter().filter(|v| !v.right).count();
     if !verbosity.quiet {

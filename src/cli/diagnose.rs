@@ -14,7 +14,7 @@ use scanweave::evaluation::scene::{Benchmark, SceneTruth};
 use scanweave::geometry::Point;
 use scanweave::geometry::voxel::voxel_means;
 use scanweave::report::growth_tree;
-use scanweave::report::poses::Document;
+use scanweave::result::poses::Document;
 use scanweave::scan::Reconstruction;
 use scanweave::{Error, Silent, io};
 use std::collections::BTreeMap;

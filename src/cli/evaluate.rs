@@ -8,7 +8,7 @@ use scanweave::evaluation::pose_error::{PoseReport, evaluate_against_truth};
 use scanweave::evaluation::protocol::Protocol;
 use scanweave::evaluation::recall::{RecallConfig, RecallReport, registration_recall};
 use scanweave::geometry::RigidMotion;
-use scanweave::report::poses::Document;
+use scanweave::result::poses::Document;
 use scanweave::scan::{Reconstruction, ScanId};
 use scanweave::{Error, io};
 use serde::Serialize;

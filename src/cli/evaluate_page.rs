@@ -7,7 +7,7 @@ use scanweave::evaluation::estimate::SceneEstimate;
 use scanweave::evaluation::pose_error::{PoseReport, evaluate_against_truth};
 use scanweave::evaluation::recall::{RecallReport, RecallSummary};
 use scanweave::evaluation::scene::SceneTruth;
-use scanweave::report::poses::{Document, Verdict};
+use scanweave::result::poses::{Document, Verdict};
 use scanweave::report::sheet::{Evaluation, SceneSheet, evaluation};
 use scanweave::{Error, io};
 use std::collections::{BTreeMap, BTreeSet};

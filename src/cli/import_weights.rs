@@ -2,9 +2,8 @@
 
 use super::{Status, Verbosity, terminal};
 use clap::{Args, ValueEnum};
-use scanweave::descriptor::spinnet;
-use scanweave::retrieval::import::{self, Publisher};
-use scanweave::synchronization::LitsWeights;
+use scanweave::weight_import::overlap_head::Publisher;
+use scanweave::weight_import::{lits, mini_spin_net, overlap_head};
 use scanweave::{Error, io};
 use std::io::Write;
 use std::path::PathBuf;
@@ -64,13 +63,13 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
 }
 
 fn import_lits(arguments: &Arguments) -> Result<String, Error> {
-    let bytes = LitsWeights::import(&arguments.input)?.to_bytes()?;
+    let bytes = lits::lits(&arguments.input)?.to_bytes()?;
     io::atomic::write(&arguments.output, |out| out.write_all(&bytes))?;
     Ok("weights of LITS for the setting synchronization.lits_weights".to_owned())
 }
 
 fn import_head(arguments: &Arguments, publisher: Publisher) -> Result<String, Error> {
-    let checkpoint = import::import(&arguments.input, publisher, &arguments.descriptor)?;
+    let checkpoint = overlap_head::import(&arguments.input, publisher, &arguments.descriptor)?;
     checkpoint.save(&arguments.output)?;
     let meta = &checkpoint.meta;
     Ok(format!(
@@ -80,7 +79,7 @@ fn import_head(arguments: &Arguments, publisher: Publisher) -> Result<String, Er
 }
 
 fn import_descriptor(arguments: &Arguments) -> Result<String, Error> {
-    let checkpoint = spinnet::import::buffer(&arguments.input)?;
+    let checkpoint = mini_spin_net::buffer(&arguments.input)?;
     checkpoint.save(&arguments.output)?;
     let meta = &checkpoint.meta;
     Ok(format!(

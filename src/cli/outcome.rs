@@ -1,9 +1,9 @@
 //! What is said about a finished registration.
 
 use super::Status;
-use scanweave::descriptor::ScaleWarning;
+use scanweave::preprocessing::ScaleWarning;
 use scanweave::pipeline::Run;
-use scanweave::report::run::RunReport;
+use scanweave::result::run::RunReport;
 use scanweave::report::table;
 use scanweave::scan::{Reconstruction, Scan};
 use std::io::IsTerminal;

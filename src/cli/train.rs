@@ -4,14 +4,13 @@ use super::options::ThreadOption;
 use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
 use clap::{Args, Subcommand};
-use scanweave::descriptor::spinnet;
 use scanweave::pipeline::FeatureSource;
 use scanweave::report::chart::{self, Panel, Series};
-use scanweave::retrieval::scores::RetrievalScores;
-use scanweave::retrieval::train::{Record, TrainReport, train};
-use scanweave::run_folder;
+use scanweave::evaluation::retrieval_scores::RetrievalScores;
+use scanweave::training::overlap_head::{Record, TrainReport, train};
+use scanweave::training::run_folder;
 use scanweave::training::descriptor::DescriptorRecipe;
-use scanweave::training::{self, Recipe};
+use scanweave::training::{self, Recipe, mini_spin_net};
 use scanweave::{Error, io};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -126,7 +125,7 @@ fn train_descriptor(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Resu
     let progress = Progress::start(verbosity)?;
     let data = training::descriptor::load(&recipe, options.data_root(), &progress)?;
     options.begin(&recipe.to_toml()?)?;
-    let report = spinnet::train::train(&data, &recipe.train, options.output(), options.resume, &progress)?;
+    let report = mini_spin_net::train(&data, &recipe.train, options.output(), options.resume, &progress)?;
     write_curves(&options.output().join(run_folder::CURVES), &report.records)?;
     if !verbosity.quiet {
         for record in report.records.iter().filter(|r| r.accuracy.is_some()) {
@@ -144,7 +143,7 @@ fn train_descriptor(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Resu
 }
 
 /// Loss, and accuracy on the validation scenes, over the steps.
-fn write_curves(path: &Path, records: &[spinnet::train::Record]) -> Result<(), Error> {
+fn write_curves(path: &Path, records: &[mini_spin_net::Record]) -> Result<(), Error> {
     let panel = |title: &str, y_label: &str, points: Vec<(f64, f64)>| Panel {
         title: title.to_owned(),
         x_label: "steps".to_owned(),

@@ -4,7 +4,7 @@ use super::scene::SceneTruth;
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::io::poses::{read_kitti, read_log, read_tum};
-use crate::report::poses::Document;
+use crate::result::poses::Document;
 use crate::scan::{DeclineReason, Outcome, Placement, Reconstruction};
 use std::path::{Path, PathBuf};
 

@@ -10,6 +10,7 @@ pub mod pose_error;
 pub mod protocol;
 pub mod recall;
 pub mod retrieval;
+pub mod retrieval_scores;
 pub mod scene;
 
 /// Median (mean of the two middle values of an even number), `None` when empty.

@@ -2,7 +2,7 @@
 
 use super::mean;
 use crate::error::{Error, Result};
-pub use crate::retrieval::scores::{recall_at, spearman};
+pub use crate::evaluation::retrieval_scores::{recall_at, spearman};
 use crate::scan::SimilarityMatrix;
 use serde::{Deserialize, Serialize};
 

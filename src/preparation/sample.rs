@@ -5,7 +5,7 @@ use crate::geometry::RigidMotion;
 use crate::io::write_dataset::SceneWriter;
 use crate::io::{self, PlyCloud};
 use crate::monitor::Monitor;
-use crate::retrieval::generator;
+use crate::random::generator;
 use rand::seq::SliceRandom;
 use rayon::prelude::*;
 use std::path::Path;

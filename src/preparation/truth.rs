@@ -1,6 +1,6 @@
 //! Ground truth of a user's own posed scans, in the files that benchmarks publish.
 
-use crate::descriptor::scale::{self, ScaleConfig};
+use crate::preprocessing::scale::{self, ScaleConfig};
 use crate::error::{Error, Result};
 use crate::evaluation::ground_truth::{LO_MATCH_OVERLAP, MATCH_OVERLAP, Overlaps, overlaps, truth_of_pairs};
 use crate::geometry::Point;

@@ -1,6 +1,6 @@
 //! The summary a person reads.
 
-use super::run::{Row, RunReport};
+use crate::result::run::{Row, RunReport};
 use comfy_table::{Attribute, Cell, CellAlignment, ContentArrangement, Table};
 use comfy_table::{LineStyle, TableStyle};
 use std::fmt::Write;

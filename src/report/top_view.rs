@@ -1,6 +1,6 @@
 //! A picture of a merged cloud, coloured by scan.
 
-use super::merged::MergedCloud;
+use crate::result::merged::MergedCloud;
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use std::fmt::Write;
 

@@ -2,8 +2,8 @@
 
 use super::{PosedScans, RgbdEntry, ScenesEntry, Split, SynthEntry};
 use crate::config::Layers;
-use crate::descriptor::scale::{self, ScaleConfig};
-use crate::descriptor::spinnet::train::{
+use crate::preprocessing::scale::{self, ScaleConfig};
+use crate::training::mini_spin_net::{
     PairData, PairLengths, PairScene, PosedSurface, TrainConfig, extract,
 };
 use crate::error::{Error, Result};

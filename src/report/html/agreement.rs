@@ -1,6 +1,6 @@
 //! How far the points of a scan lie from the surfaces of the scans it touches.
 
-use super::super::poses::{Document, Pose, Verdict};
+use crate::result::poses::{Document, Pose, Verdict};
 use super::points::Shown;
 use crate::geometry::PointIndex;
 use crate::geometry::rigid::{PointMover, RigidMotion, motion_from_matrix};

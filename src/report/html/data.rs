@@ -1,10 +1,10 @@
 //! What a page knows about a run. The viewer (scripts/viewer/src) reads these names.
 
-use super::super::poses::{Component, Entry, Verdict};
-use super::super::run::{ScanSize, StageTime};
+use crate::result::poses::{Component, Entry, Verdict};
+use crate::result::run::{ScanSize, StageTime};
 use super::points::{MOST_POINTS, Packed, PointSource, choose};
 use super::{Input, agreement, wording};
-use crate::descriptor::WorkingScale;
+use crate::scan::WorkingScale;
 use crate::evaluation::pose_error::PoseError;
 use crate::scan::{Hold, NeighbourEvidence, SimilarityMatrix, Support};
 use base64::Engine;

@@ -13,8 +13,8 @@ pub use points::{MOST_POINTS, PointSource};
 pub use wording::headline;
 
 use super::markup::{escaped, filled};
-use super::poses::Document;
-use super::run::RunReport;
+use crate::result::poses::Document;
+use crate::result::run::RunReport;
 use crate::error::{Error, Result};
 use crate::evaluation::pose_error::PoseReport;
 use crate::scan::{PointCloud, SimilarityMatrix, Surface};

@@ -1,7 +1,7 @@
 use super::*;
-use crate::descriptor::WorkingScale;
+use crate::scan::WorkingScale;
 use crate::geometry::{Point, RigidMotion};
-use crate::report::run;
+use crate::result::run;
 use crate::scan::{DeclineReason, Outcome, Placement, Reconstruction, Scan, ScanId};
 
 /// A placement without evidence.

@@ -1,6 +1,6 @@
 //! What came out, in words for somebody who never saw a registration.
 
-use super::super::poses::{Document, Verdict};
+use crate::result::poses::{Document, Verdict};
 use crate::scan::DeclineReason;
 
 /// Below this chance of being right the best fit says nothing but that there is none.
@@ -96,7 +96,7 @@ mod tests {
     use super::super::tests::{document, placed};
     use super::*;
     use crate::geometry::RigidMotion;
-    use crate::report::poses::Component;
+    use crate::result::poses::Component;
     use crate::scan::{Outcome, Support};
 
     #[test]

@@ -1,10 +1,10 @@
 //! Scans, features and results.
 
-use crate::descriptor::WorkingScale;
+use crate::scan::WorkingScale;
 use crate::error::{Error, Result};
 use crate::geometry::{Point, PointIndex};
-use crate::report::poses::{Document, Verdict};
-use crate::report::run::RunReport;
+use crate::result::poses::{Document, Verdict};
+use crate::result::run::RunReport;
 use crate::scan::{Features, PointCloud};
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -186,7 +186,7 @@ pub(super) fn result(folder: &Path) -> Result<ResultContent> {
 }
 
 fn left_out(poses: &Document) -> Vec<LeftOut> {
-    let reason = |scan: &crate::report::poses::Entry| match &scan.verdict {
+    let reason = |scan: &crate::result::poses::Entry| match &scan.verdict {
         Verdict::Declined { explanation, .. } => {
             Some(LeftOut { scan: scan.name.clone(), reason: explanation.clone() })
         }

@@ -1,0 +1,297 @@
+//! From scans to a reconstruction: every stage in order, each timed.
+
+mod features;
+mod pairs;
+
+pub use features::{FeatureSource, read_features};
+pub use pairs::PairCache;
+
+use crate::config::Config;
+use crate::descriptor::{Describer, DescriptorKind};
+use crate::error::{Error, Result};
+use crate::monitor::Monitor;
+use crate::registration::{self, Lengths, ScanInput};
+use crate::preprocessing::{ScaleWarning, scale, surface};
+use crate::result::run::StageTime;
+use crate::retrieval::{self, Checkpoint, DescriptorTag, HeadChoice, HeadOrigin, SimilaritySource, shipped};
+use crate::scan::{
+    Features, PointCloud, PoseGraph, Reconstruction, Scan, SimilarityMatrix, Surface, WorkingScale,
+};
+use rayon::prelude::*;
+use std::time::Instant;
+
+/// What a run made, stage by stage; everything is in the order of the scans.
+#[derive(Debug)]
+pub struct Run {
+    /// Lengths it worked at.
+    pub scale: WorkingScale,
+    /// Scans these lengths may not suit.
+    pub warnings: Vec<ScaleWarning>,
+    /// Thinned scans with normals.
+    pub surfaces: Vec<Surface>,
+    /// Keypoints and descriptors.
+    pub features: Vec<Features>,
+    /// Whether a scan's features were read instead of computed.
+    pub reused: Vec<bool>,
+    /// Predicted overlap.
+    pub similarity: SimilarityMatrix,
+    /// Where the head that predicted it came from.
+    pub head: HeadOrigin,
+    /// The registered pairs, for methods that register pairs first.
+    pub pose_graph: Option<PoseGraph>,
+    /// The verdict on every scan.
+    pub reconstruction: Reconstruction,
+    /// Time each stage took.
+    pub timings: Vec<StageTime>,
+}
+
+/// Registers `scans` (at least two): scale → surfaces → features → similarity → growth, or
+/// pairs and synchronisation. Pairs are cached beside features.
+///
+/// # Errors
+/// Unusable scans, settings or features, or the user asked to stop.
+pub fn run(
+    scans: &[Scan],
+    config: &Config,
+    source: &FeatureSource<'_>,
+    monitor: &dyn Monitor,
+) -> Result<Run> {
+    let pairs = match source {
+        FeatureSource::Cached(folder) => PairCache::in_folder(folder),
+        FeatureSource::Computed | FeatureSource::Given(_) => PairCache::in_memory(),
+    };
+    run_with_pairs(scans, config, source, &pairs, monitor)
+}
+
+/// [`run`] with a cache of pairs that several runs may share.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_with_pairs(
+    scans: &[Scan],
+    config: &Config,
+    source: &FeatureSource<'_>,
+    pairs: &PairCache,
+    monitor: &dyn Monitor,
+) -> Result<Run> {
+    check_scans(scans)?;
+    config.validate()?;
+    let mut clock = Stopwatch::default();
+    let described = describe_timed(scans, config, source, monitor, &mut clock)?;
+    let (similarity, head) = predict_overlap(&described, config, monitor, &mut clock)?;
+    let registered = register_with_pairs(&described, &similarity, config, pairs, monitor, &mut clock)?;
+    let Registered { pose_graph, reconstruction } = registered;
+    let Described { scale, warnings, surfaces, features, reused } = described;
+    Ok(Run {
+        scale,
+        warnings,
+        surfaces,
+        features,
+        reused,
+        similarity,
+        head,
+        pose_graph,
+        reconstruction,
+        timings: clock.stages,
+    })
+}
+
+/// The stage "similarity" of [`run`]: predicted overlap, and where its head came from.
+///
+/// # Errors
+/// A head that cannot be read or does not fit, or the user asked to stop.
+pub fn predict_overlap(
+    described: &Described,
+    config: &Config,
+    monitor: &dyn Monitor,
+    clock: &mut Stopwatch,
+) -> Result<(SimilarityMatrix, HeadOrigin)> {
+    clock.time("similarity", || {
+        let features = &described.features;
+        let checkpoint = overlap_head(config, &described.scale, features)?;
+        retrieval::similarity_of(features, &config.retrieval, checkpoint.as_ref(), config.seed, monitor)
+    })
+}
+
+/// What the last stage makes.
+#[derive(Debug)]
+pub struct Registered {
+    /// The registered pairs, for methods that register pairs first.
+    pub pose_graph: Option<PoseGraph>,
+    /// The verdict on every scan.
+    pub reconstruction: Reconstruction,
+}
+
+/// The stage "registration" of [`run`].
+///
+/// # Errors
+/// Shapes or settings that cannot be used, or the user asked to stop.
+pub fn register_described(
+    described: &Described,
+    similarity: &SimilarityMatrix,
+    config: &Config,
+    monitor: &dyn Monitor,
+    clock: &mut Stopwatch,
+) -> Result<Reconstruction> {
+    let pairs = PairCache::in_memory();
+    let registered = register_with_pairs(described, similarity, config, &pairs, monitor, clock)?;
+    Ok(registered.reconstruction)
+}
+
+/// [`register_described`] with pairs that several runs may share, and the pose graph.
+///
+/// # Errors
+/// Shapes or settings that cannot be used, or the user asked to stop.
+pub fn register_with_pairs(
+    described: &Described,
+    similarity: &SimilarityMatrix,
+    config: &Config,
+    pairs: &PairCache,
+    monitor: &dyn Monitor,
+    clock: &mut Stopwatch,
+) -> Result<Registered> {
+    let Described { scale, surfaces, features, .. } = described;
+    let lengths = Lengths { inlier_radius_m: scale.inlier_radius_m, voxel_m: scale.voxel_m };
+    clock.time("registration", || {
+        let scans = features.iter().zip(surfaces);
+        let inputs: Vec<_> = scans.map(|(features, surface)| ScanInput { features, surface }).collect();
+        let Some(method) = config.method.synchronization() else {
+            let settings = &config.registration;
+            let reconstruction =
+                registration::register(&inputs, similarity, settings, lengths, config.seed, monitor)?;
+            return Ok(Registered { pose_graph: None, reconstruction });
+        };
+        let (graph, reconstruction) =
+            pairs::synchronize(&inputs, similarity, method, config, lengths, pairs, monitor)?;
+        Ok(Registered { pose_graph: Some(graph), reconstruction })
+    })
+}
+
+/// Scans as the stages before retrieval leave them, in the order of the scans.
+#[derive(Debug, Clone)]
+pub struct Described {
+    /// Lengths they were worked at.
+    pub scale: WorkingScale,
+    /// Scans these lengths may not suit.
+    pub warnings: Vec<ScaleWarning>,
+    /// Thinned scans with normals.
+    pub surfaces: Vec<Surface>,
+    /// Keypoints and descriptors.
+    pub features: Vec<Features>,
+    /// Whether a scan's features were read instead of computed.
+    pub reused: Vec<bool>,
+}
+
+/// The first stages of [`run`]: scale → surfaces → features.
+///
+/// # Errors
+/// Unusable scans, settings or features, or the user asked to stop.
+pub fn describe(
+    scans: &[Scan],
+    config: &Config,
+    source: &FeatureSource<'_>,
+    monitor: &dyn Monitor,
+) -> Result<Described> {
+    describe_timed(scans, config, source, monitor, &mut Stopwatch::default())
+}
+
+pub fn describe_timed(
+    scans: &[Scan],
+    config: &Config,
+    source: &FeatureSource<'_>,
+    monitor: &dyn Monitor,
+    clock: &mut Stopwatch,
+) -> Result<Described> {
+    let clouds: Vec<&PointCloud> = scans.iter().map(|s| &s.cloud).collect();
+    let choice = clock.time("scale", || scale::choose(&config.scale, &clouds))?;
+    let scale = choice.scale;
+    let surfaces = clock.time("surfaces", || thin(scans, &scale, monitor))?;
+    let (features, reused) =
+        clock.time("features", || features::of_scans(scans, &surfaces, &scale, config, source, monitor))?;
+    Ok(Described { scale, warnings: choice.warnings, surfaces, features, reused })
+}
+
+fn check_scans(scans: &[Scan]) -> Result<()> {
+    if scans.len() >= 2 {
+        return Ok(());
+    }
+    let found = match scans {
+        [] => "no scan".to_owned(),
+        [one, ..] => format!("one scan, {}", one.name),
+    };
+    Err(Error::input("inputs", found, "at least two scans to register with each other", "name more scans"))
+}
+
+pub fn thin(scans: &[Scan], scale: &WorkingScale, monitor: &dyn Monitor) -> Result<Vec<Surface>> {
+    const STAGE: &str = "surfaces";
+    monitor.begin(STAGE, scans.len());
+    let surfaces: Vec<Result<Surface>> = scans
+        .par_iter()
+        .map(|scan| {
+            monitor.check(STAGE)?;
+            let surface = surface::thin(&scan.cloud, scale);
+            monitor.advance(1);
+            Ok(surface)
+        })
+        .collect();
+    monitor.end();
+    surfaces.into_iter().collect()
+}
+
+/// What the descriptors of `features` mean; `None` when there is none.
+///
+/// # Errors
+/// Those of [`Describer::new`].
+pub fn descriptor_tag(
+    config: &Config,
+    scale: &WorkingScale,
+    features: &[Features],
+) -> Result<Option<DescriptorTag>> {
+    let Some(dim) = features.iter().map(|f| f.descriptors.dim()).find(|&d| d > 0) else { return Ok(None) };
+    let name = config.descriptor.descriptor_name().to_owned();
+    let settings_hash = Describer::new(&config.descriptor)?.settings_hash(scale);
+    Ok(Some(DescriptorTag { name, dim, settings_hash }))
+}
+
+/// The trained head that the settings ask for, if it fits these features.
+///
+/// # Errors
+/// When the checkpoint that is named cannot be read or belongs to another descriptor.
+pub fn overlap_head(
+    config: &Config,
+    scale: &WorkingScale,
+    features: &[Features],
+) -> Result<Option<Checkpoint>> {
+    let Some(tag) = descriptor_tag(config, scale, features)? else { return Ok(None) };
+    match &config.retrieval.checkpoint {
+        // Files do not say which descriptor they hold; the dimension is checked where it is used.
+        Some(path) if config.descriptor.kind == DescriptorKind::Precomputed => {
+            Checkpoint::load(path).map(Some)
+        }
+        Some(path) => Checkpoint::load_for(path, &tag).map(Some),
+        None if config.retrieval.head == HeadChoice::Trained
+            && config.retrieval.source == SimilaritySource::Netvlad =>
+        {
+            shipped::head_for(&tag)
+        }
+        None => Ok(None),
+    }
+}
+
+/// Times stages.
+#[derive(Debug, Default)]
+pub struct Stopwatch {
+    /// Stages so far, in order.
+    pub stages: Vec<StageTime>,
+}
+
+impl Stopwatch {
+    /// Runs `work` and writes down how long it took.
+    pub fn time<T>(&mut self, stage: &str, work: impl FnOnce() -> T) -> T {
+        let start = Instant::now();
+        let result = work();
+        let seconds = start.elapsed().as_secs_f64();
+        self.stages.push(StageTime { stage: stage.to_owned(), seconds });
+        result
+    }
+}

@@ -1,0 +1,149 @@
+//! Features of all scans: from files, from the cache of an earlier run, or computed.
+
+use crate::config::Config;
+use crate::descriptor::Describer;
+use crate::error::{Error, Result};
+use crate::io;
+use crate::monitor::Monitor;
+use crate::scan::{Features, PointCloud, Scan, Surface, WorkingScale};
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+
+/// Raised when cached features of an older version must not be used any more.
+const CACHE_VERSION: u32 = 1;
+const STAGE: &str = "features";
+
+/// Where features may come from.
+#[derive(Debug, Clone, Copy)]
+pub enum FeatureSource<'a> {
+    /// Computed every time.
+    Computed,
+    /// Computed, and kept in this folder, which is made when needed.
+    Cached(&'a Path),
+    /// Computed by another program, one entry a scan.
+    Given(&'a [Features]),
+}
+
+/// Features of every scan, and which of them were not computed now.
+pub(super) fn of_scans(
+    scans: &[Scan],
+    surfaces: &[Surface],
+    scale: &WorkingScale,
+    config: &Config,
+    source: &FeatureSource<'_>,
+    monitor: &dyn Monitor,
+) -> Result<(Vec<Features>, Vec<bool>)> {
+    let cache = match source {
+        FeatureSource::Given(features) if features.len() == scans.len() => {
+            return Ok((features.to_vec(), vec![true; scans.len()]));
+        }
+        FeatureSource::Given(features) => {
+            return Err(Error::input(
+                "features",
+                format!("those of {} scans", features.len()),
+                format!("one set for each of {} scans", scans.len()),
+                "give the features of exactly these scans",
+            ));
+        }
+        FeatureSource::Computed => None,
+        FeatureSource::Cached(folder) => {
+            std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+            Some(*folder)
+        }
+    };
+    let describer = Describer::new(&config.descriptor)?;
+    monitor.begin(STAGE, scans.len());
+    let results: Vec<Result<(Features, bool)>> = scans
+        .par_iter()
+        .zip(surfaces)
+        .map(|(scan, surface)| {
+            monitor.check(STAGE)?;
+            let compute = || describer.describe(scan, surface, scale, config.seed);
+            let result = match cache {
+                None => (compute()?, false),
+                Some(folder) => through_cache(&entry(folder, scan, scale, &describer, config.seed), compute)?,
+            };
+            monitor.advance(1);
+            Ok(result)
+        })
+        .collect();
+    monitor.end();
+    let pairs: Vec<(Features, bool)> = results.into_iter().collect::<Result<_>>()?;
+    Ok(pairs.into_iter().unzip())
+}
+
+/// The cached features, or computed ones that are then cached.
+fn through_cache(path: &Path, compute: impl FnOnce() -> Result<Features>) -> Result<(Features, bool)> {
+    if path.exists() {
+        match io::features::read_npz(path) {
+            Ok(features) => return Ok((features, true)),
+            Err(error) => tracing::warn!("computing again what the cache should hold: {error}"),
+        }
+    }
+    io::features::write_npz(path, &compute()?)?;
+    // Reading normalises descriptors, which may change a last bit: only what was read back is
+    // the same in this run and in the next.
+    Ok((io::features::read_npz(path)?, false))
+}
+
+/// Features of every scan that another program computed: `<folder>/<name of the scan>.npz`, or,
+/// where `folder` is named `<descriptor>_desc`, the layout of SGHR and IMVR around it.
+///
+/// # Errors
+/// A file is missing, unreadable, or its arrays disagree; or the user asked to stop.
+pub fn read_features(folder: &Path, scans: &[Scan], monitor: &dyn Monitor) -> Result<Vec<Features>> {
+    let name = folder.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let published = name.strip_suffix("_desc").filter(|_| !folder.is_file());
+    monitor.begin("reading features", scans.len());
+    let results: Vec<Result<Features>> = scans
+        .par_iter()
+        .map(|scan| {
+            monitor.check("reading features")?;
+            let own = folder.join(format!("{}.npz", scan.name));
+            let features = match published {
+                Some(descriptor) if !own.exists() => {
+                    let dataset = folder.parent().unwrap_or(Path::new(""));
+                    io::features::read_sghr(dataset, descriptor, number_of(scan)?, &scan.cloud)
+                }
+                _ => io::features::read_npz(&own),
+            };
+            monitor.advance(1);
+            features
+        })
+        .collect();
+    monitor.end();
+    results.into_iter().collect()
+}
+
+/// The number at the end of a scan's name, by which the published layout calls it.
+fn number_of(scan: &Scan) -> Result<usize> {
+    let digits = scan.name.len() - scan.name.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+    scan.name[scan.name.len() - digits..].parse().map_err(|_| {
+        Error::input(
+            scan.name.as_str(),
+            "a name without a number at its end",
+            "scans named as in cloud_bin_12.ply",
+            "rename the scans, or give one NPZ a scan",
+        )
+    })
+}
+
+/// File of a scan's features: named by everything they depend on, so that it never goes stale.
+fn entry(folder: &Path, scan: &Scan, scale: &WorkingScale, describer: &Describer, seed: u64) -> PathBuf {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&CACHE_VERSION.to_le_bytes());
+    hasher.update(describer.features_hash(scale, seed).as_bytes());
+    hash_cloud(&mut hasher, &scan.cloud);
+    folder.join(format!("{}.npz", &hasher.finalize().to_hex()[..32]))
+}
+
+/// The content of a cloud, whatever file format it came in.
+fn hash_cloud(hasher: &mut blake3::Hasher, cloud: &PointCloud) {
+    let mut block = Vec::with_capacity(12 * 4096);
+    hasher.update(&(cloud.points.len() as u64).to_le_bytes());
+    for points in [cloud.viewpoint].chunks(1).chain(cloud.points.chunks(4096)) {
+        block.clear();
+        block.extend(points.iter().flat_map(|p| p.coords.iter().flat_map(|v| v.to_le_bytes())));
+        hasher.update(&block);
+    }
+}

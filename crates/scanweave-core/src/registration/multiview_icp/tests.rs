@@ -1,0 +1,227 @@
+use super::terms::pair_term;
+use super::*;
+use crate::geometry::rigid::PointMover;
+use crate::geometry::{Direction, Point};
+use crate::scan::Surface;
+use nalgebra::{Matrix6, Vector3, Vector6};
+use crate::geometry::rigid::{rotation_error_rad, translation_error_m};
+use crate::monitor::Silent;
+use crate::registration::config::RegistrationConfig;
+use nalgebra::Point3;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+fn model(surface: &Surface) -> ScanModel<'_> {
+    ScanModel::new(surface, 0.07, &RegistrationConfig::default())
+}
+
+/// Three mutually perpendicular walls, 2 m wide, sampled every 2.5 cm, in a scan's own frame.
+fn corner(scan_from_world: &RigidMotion) -> Surface {
+    let mover = PointMover::new(scan_from_world);
+    let mut surface = Surface::default();
+    for a in 0..80 {
+        for b in 0..80 {
+            let (u, v) = (a as f32 * 0.025, b as f32 * 0.025);
+            for (p, n) in [
+                (Point::new(u, v, 0.0), Direction::z()),
+                (Point::new(u, 0.0, v), Direction::y()),
+                (Point::new(0.0, u, v), Direction::x()),
+            ] {
+                surface.points.push(mover.point(&p));
+                surface.normals.push(mover.direction(&n));
+            }
+        }
+    }
+    surface
+}
+
+#[test]
+fn scans_with_many_partners_are_compared_by_a_share_of_their_points_that_stands_for_all() {
+    // A hub that overlaps twenty scans, which overlap it alone.
+    let hub: Vec<(usize, usize)> = (1..=20).map(|j| (0, j)).collect();
+    let mut expected = vec![1; 21];
+    expected[0] = 3;
+    assert_eq!(strides(&hub, 21), expected);
+    assert_eq!(strides(&[], 2), [1, 1]);
+
+    let moved = RigidMotion::new(Vector3::new(0.01, -0.02, 0.015), Vector3::new(0.004, 0.0, -0.006));
+    let surfaces = [corner(&RigidMotion::identity()), corner(&RigidMotion::identity())];
+    let models = surfaces.each_ref().map(model);
+    let poses = [RigidMotion::identity(), moved];
+    let scans = [0, 1].map(|k| JointScan { model: &models[k], world_from_scan: poses[k] });
+    let samples: Vec<Sample> = scans.iter().map(|s| Sample::new(s.model.surface, 1200)).collect();
+    let of = |strides: [usize; 2]| pair_term((0, 1), &samples, &scans, &poses, &strides, 0.07);
+    let (all, some) = (of([1, 1]), of([2, 5]));
+    let difference = (all.information - some.information).norm() / all.information.norm();
+    // Strides meet the walls' grid unevenly; a share that stood for itself alone would be 0.5 off or more.
+    assert!(difference < 0.25, "{difference}");
+    assert!((all.weight - some.weight).abs() < 0.25 * all.weight);
+}
+
+#[test]
+fn disturbed_poses_return_to_the_exact_ones() {
+    // Every scan sees the same corner; the exact poses give zero residual.
+    let truth: Vec<RigidMotion> = (0..5)
+        .map(|k| {
+            let k = f64::from(k);
+            RigidMotion::new(Vector3::new(k, -0.3 * k, 0.1), Vector3::new(0.1 * k, 0.2, -0.3 * k))
+        })
+        .collect();
+    let surfaces: Vec<Surface> = truth.iter().map(|t| corner(&t.inverse())).collect();
+    let nudge = |k: usize| {
+        let s = if k == 0 {
+            0.0
+        } else if k.is_multiple_of(2) {
+            1.0
+        } else {
+            -1.0
+        };
+        RigidMotion::new(Vector3::new(0.03, -0.02, 0.025) * s, Vector3::new(0.01, -0.015, 0.01) * s)
+    };
+    let models: Vec<ScanModel<'_>> = surfaces.iter().map(model).collect();
+    let scans: Vec<JointScan<'_>> = models
+        .iter()
+        .enumerate()
+        .map(|(k, model)| JointScan { model, world_from_scan: nudge(k) * truth[k] })
+        .collect();
+    let refined = refine_jointly(&scans, &JointConfig::default(), 0.07, &Silent).unwrap();
+    assert_eq!(refined[0], truth[0]);
+    for (pose, truth) in refined.iter().zip(&truth) {
+        assert!(translation_error_m(pose, truth) < 2e-4, "{}", translation_error_m(pose, truth));
+        assert!(rotation_error_rad(pose, truth) < 2e-4);
+    }
+}
+
+#[test]
+fn a_loop_that_drifted_closes_and_a_false_pair_is_outvoted() {
+    // Twelve poses on a circle; neighbours see 20 common points, exactly. The start drifts by
+    // 8 cm a step. Across the circle one pair claims points that are 1.5 m apart to be one.
+    let truth: Vec<RigidMotion> = (0..12)
+        .map(|k| {
+            let a = f64::from(k) * std::f64::consts::TAU / 12.0;
+            RigidMotion::new(
+                Vector3::new(3.0 * a.cos(), 3.0 * a.sin(), 0.1 * a),
+                Vector3::new(0.0, 0.1, a),
+            )
+        })
+        .collect();
+    let seen = |k: usize, shift: f64| -> Vec<Point> {
+        (0..20)
+            .map(|m| {
+                let m = f64::from(m);
+                let p = nalgebra::Point3::new((1.7 * m).sin() + shift, (2.3 * m).cos(), (0.9 * m).sin());
+                (truth[k].inverse() * p).cast::<f32>()
+            })
+            .collect()
+    };
+    let pair = |i: usize, j: usize, shift: f64| MatchedPair {
+        scans: (i.min(j), i.max(j)),
+        points: seen(i.min(j), 0.0).into_iter().zip(seen(i.max(j), shift)).collect(),
+        weight: 1.0,
+    };
+    let mut pairs: Vec<MatchedPair> = (0..12).map(|k| pair(k, (k + 1) % 12, 0.0)).collect();
+    pairs.extend((0..12).map(|k| pair(k, (k + 2) % 12, 0.0)));
+    pairs.push(pair(0, 6, 1.5));
+    let start: Vec<RigidMotion> = truth
+        .iter()
+        .enumerate()
+        .map(|(k, t)| RigidMotion::translation(0.08 * k as f64, 0.0, -0.02 * k as f64) * t)
+        .collect();
+    let closed = close_loops(&start, &pairs, 0.07);
+    for (pose, truth) in closed.iter().zip(&truth) {
+        assert!(translation_error_m(pose, truth) < 5e-3, "{}", translation_error_m(pose, truth));
+        assert!(rotation_error_rad(pose, truth) < 5e-3);
+    }
+}
+
+#[test]
+fn covariances_are_the_spread_of_poses_over_many_draws_of_the_noise() {
+    // Three views of a corner with 5 mm noise across the surfaces; the exact poses are known.
+    let truth: Vec<RigidMotion> = (0..3)
+        .map(|k| {
+            let k = f64::from(k);
+            RigidMotion::new(Vector3::new(0.5 * k, -0.3 * k, 0.1), Vector3::new(0.1 * k, 0.2, -0.3 * k))
+        })
+        .collect();
+    let config = JointConfig { radii: vec![1.0], ..JointConfig::default() };
+    let draws = 60;
+    let (mut seen, mut stated) = (Matrix6::<f64>::zeros(), Matrix6::<f64>::zeros());
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    for _ in 0..draws {
+        let mut surfaces: Vec<Surface> = truth.iter().map(|t| corner(&t.inverse())).collect();
+        for surface in &mut surfaces {
+            for (p, n) in surface.points.iter_mut().zip(&surface.normals) {
+                // Uniform on ±a has the standard deviation a/√3.
+                *p += n * rng.random_range(-0.00866f32..0.00866);
+            }
+        }
+        let models: Vec<ScanModel<'_>> = surfaces.iter().map(model).collect();
+        let posed = |poses: &[RigidMotion]| -> Vec<JointScan<'_>> {
+            let scans = models.iter().zip(poses);
+            scans.map(|(model, &world_from_scan)| JointScan { model, world_from_scan }).collect()
+        };
+        let refined = refine_jointly(&posed(&truth), &config, 0.07, &Silent).unwrap();
+        let covariances = pose_covariances(&posed(&refined), &config, 0.07);
+        assert_eq!(covariances[0], Some(Matrix6::zeros()));
+        stated += covariances[2].unwrap() / f64::from(draws);
+        let centre = models[2].centre.cast::<f64>();
+        let moved = refined[2] * centre - truth[2] * centre;
+        let turned = (refined[2].rotation * truth[2].rotation.inverse()).scaled_axis();
+        let off = Vector6::new(turned.x, turned.y, turned.z, moved.x, moved.y, moved.z);
+        seen += off * off.transpose() / f64::from(draws);
+    }
+    for d in 0..6 {
+        let ratio = (stated[(d, d)] / seen[(d, d)]).sqrt();
+        assert!((0.6..1.7).contains(&ratio), "{d}: stated over seen deviation {ratio}");
+    }
+}
+
+/// Two views of one painted wall, the second 2 cm and half a degree off along it and more brightly
+/// exposed: only the paint tells.
+#[test]
+fn paint_holds_what_a_flat_wall_does_not() {
+    let paint = |x: f32, y: f32| 0.5 + 0.2 * (9.0 * x).sin() + 0.2 * (7.0 * y + 3.0 * x).cos();
+    let wall = |shift: f32, brighter: f32| {
+        let points: Vec<Point> = (0..6400)
+            .map(|i| Point::new((i % 80) as f32 * 0.025 + shift, (i / 80) as f32 * 0.025 + shift, 0.0))
+            .collect();
+        let shades = points.iter().map(|p| paint(p.x, p.y) + brighter).collect();
+        Surface { normals: vec![Direction::z(); 6400], points, shades, ..Surface::default() }
+    };
+    let (first, second) = (wall(0.0, 0.0), wall(0.011, 0.08));
+    let (first, second) = (model(&first), model(&second));
+    let off = RigidMotion::new(Vector3::new(0.02, -0.015, 0.01), Vector3::new(0.0, 0.0, 0.009));
+    let scans = [
+        JointScan { model: &first, world_from_scan: RigidMotion::identity() },
+        JointScan { model: &second, world_from_scan: off },
+    ];
+    let error = |colour: f64| {
+        let config = JointConfig { colour, rounds: 8, ..JointConfig::default() };
+        let refined = refine_jointly(&scans, &config, 0.07, &Silent).unwrap()[1];
+        let corner = Point3::new(0.0, 0.0, 0.0);
+        (refined * corner - corner).norm()
+    };
+    assert!(error(0.0) > 0.015, "{}", error(0.0));
+    assert!(error(1.0) < 0.002, "{}", error(1.0));
+}
+
+#[test]
+fn what_nothing_holds_stays_where_it_was() {
+    // Two views of one plane: sliding along it is free, only the distance is corrected.
+    let flat = Surface {
+        points: (0..6400)
+            .map(|i| Point::new((i % 80) as f32 * 0.025, (i / 80) as f32 * 0.025, 0.0))
+            .collect(),
+        normals: vec![Direction::z(); 6400],
+        ..Surface::default()
+    };
+    let flat = model(&flat);
+    let start = RigidMotion::translation(0.1, 0.0, 0.03);
+    let scans = [
+        JointScan { model: &flat, world_from_scan: RigidMotion::identity() },
+        JointScan { model: &flat, world_from_scan: start },
+    ];
+    let refined = refine_jointly(&scans, &JointConfig::default(), 0.07, &Silent).unwrap();
+    assert!(refined[1].translation.vector.z.abs() < 1e-4);
+    assert!((refined[1].translation.vector.x - 0.1).abs() < 1e-3);
+}

@@ -1,0 +1,285 @@
+//! Evidence for possible relative poses of two groups of scans.
+
+use crate::registration::config::RegistrationConfig;
+use crate::geometry::rigid::same_motion;
+use crate::registration::pairwise::correspondences::Correspondences;
+use crate::registration::verification::probability;
+use crate::registration::scan_model::ScanModel;
+use crate::registration::verification::alignment::align;
+use crate::registration::verification::surface_fit::{Posed, SurfaceFit, surface_fit};
+use crate::geometry::RigidMotion;
+use crate::geometry::fit::fit_rigid;
+use crate::scan::Support;
+use nalgebra::Point3;
+use rayon::prelude::*;
+
+/// A proposal is worth a look at the surfaces when it has one in so many of the inliers of the best.
+pub const RIVAL: usize = 8;
+
+/// Probability at most where only matches could tell and do not.
+const UNDECIDED: f64 = 0.5;
+
+/// A possible relative pose, with what speaks for it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Assessment {
+    /// Takes coordinates of the second group to those of the first.
+    pub a_from_b: RigidMotion,
+    /// What speaks for it; the probability is always there.
+    pub support: Support,
+}
+
+impl Assessment {
+    /// Probability that it is right.
+    pub fn probability(&self) -> f64 {
+        self.support.probability.unwrap_or(0.0)
+    }
+}
+
+/// Every n-th of the points that evidence is measured with is looked at in a glance.
+const GLANCE: usize = 8;
+
+/// Measures evidence with one set of models and settings.
+pub struct Assessor<'a> {
+    /// The scans' surfaces, in the order of the scans.
+    pub models: &'a [ScanModel<'a>],
+    /// Settings.
+    pub config: &'a RegistrationConfig,
+    /// τ, metres.
+    pub radius_m: f64,
+    /// Whether viewpoints are believed: [`probability::sight_is_trustworthy`].
+    pub sight_trusted: bool,
+}
+
+impl Assessor<'_> {
+    /// Aligns every proposed motion of group `b` to group `a`, drops repetitions, and measures
+    /// the evidence for the first [`crate::registration::config::EvidenceConfig::hypotheses`] that are left, most inliers
+    /// first. Most probable first.
+    ///
+    /// `matches` pairs points of `b` (sources) with points of `a` (targets), in the groups' frames.
+    pub fn assess(
+        &self,
+        a: &[Posed<'_>],
+        b: &[Posed<'_>],
+        proposals: &[RigidMotion],
+        matches: &Correspondences,
+    ) -> Vec<Assessment> {
+        let centre = centre_of(b);
+        // Motion, inliers, and the stride that its evidence is measured with; the rest are rivals only.
+        let mut distinct: Vec<(RigidMotion, Vec<usize>, Option<usize>)> = Vec::new();
+        let fitted: Vec<(RigidMotion, usize)> = proposals
+            .par_iter()
+            .map(|proposal| {
+                let motion = self.fit_matches(a, b, proposal, matches);
+                (motion, matches.count(&motion, self.radius_m))
+            })
+            .collect();
+        // Side by side, as every one needs to know of those before it only how many inliers they have.
+        let most_before = fitted.iter().scan(0, |most, fitted| {
+            let before = *most;
+            *most = before.max(fitted.1);
+            Some(before)
+        });
+        let known: Vec<(&(RigidMotion, usize), usize)> = fitted.iter().zip(most_before).collect();
+        let aligned: Vec<(RigidMotion, Vec<usize>, Option<usize>)> = known
+            .into_par_iter()
+            .map(|(&(fitted, inliers), most)| {
+                let aligned = (inliers * RIVAL >= most)
+                    .then(|| self.aligned(a, b, &fitted, matches, (inliers, most == 0)))
+                    .flatten();
+                let (motion, stride) =
+                    aligned.map_or((fitted, None), |(motion, stride)| (motion, Some(stride)));
+                (motion, matches.inliers(&motion, self.radius_m), stride)
+            })
+            .collect();
+        for found in aligned {
+            match distinct.iter_mut().find(|d| same_motion(&d.0, &found.0, &centre, self.radius_m)) {
+                None => distinct.push(found),
+                // One that was aligned stands for one that was not.
+                Some(other) if found.2.is_some() && other.2.is_none() => *other = found,
+                Some(_) => {}
+            }
+        }
+        distinct.sort_by_key(|d| std::cmp::Reverse(d.1.len()));
+        let considered: Vec<(usize, usize)> = (0..distinct.len())
+            .filter_map(|h| Some((h, distinct[h].2?)))
+            .take(if a.len().min(b.len()) > 1 { 2 } else { 1 } * self.config.evidence.hypotheses)
+            .collect();
+        let mut assessed: Vec<Assessment> = considered
+            .into_par_iter()
+            .map(|(h, stride)| {
+                let (a_from_b, inliers, _) = &distinct[h];
+                let others = distinct.iter().enumerate().filter(|o| o.0 != h).map(|o| o.1.1.as_slice());
+                let runner_up = self.runner_up(matches, a_from_b, others);
+                self.measure(a, b, a_from_b, matches, (inliers.len(), runner_up), stride)
+            })
+            .collect();
+        // A stable sort: what is equally probable keeps the order of inliers.
+        assessed.sort_by(|x, y| y.probability().total_cmp(&x.probability()));
+        assessed
+    }
+
+    /// A proposal aligned by the surfaces, and the stride to measure it with; `None` where a glance shows
+    /// that it is not worth it. If it must be measured (`.1` of what is known, besides its inliers) it is,
+    /// between groups no better than at a glance.
+    fn aligned(
+        &self,
+        a: &[Posed<'_>],
+        b: &[Posed<'_>],
+        proposal: &RigidMotion,
+        matches: &Correspondences,
+        (inliers, must_be): (usize, bool),
+    ) -> Option<(RigidMotion, usize)> {
+        /// Strides of a first alignment, between groups: so many times the usual one, and at most.
+        const COARSER: usize = 4;
+        const COARSEST: usize = 32;
+        let rounds = self.config.evidence.align_rounds;
+        let stride = self.align_stride(a, b);
+        let coarse = (COARSER * stride).min(COARSEST);
+        let of_groups = a.len() + b.len() > 2;
+        // Between groups a proposal may be off by more than what a glance measures it by.
+        let motion = if of_groups { align(a, b, proposal, rounds, coarse) } else { *proposal };
+        if (of_groups || !must_be) && self.is_hopeless(a, b, &motion, matches, inliers) {
+            return must_be.then_some((motion, GLANCE * fit_stride(a, b)));
+        }
+        let enough = of_groups && coarse <= stride;
+        let motion = if enough { motion } else { align(a, b, &motion, rounds, stride) };
+        Some((motion, fit_stride(a, b)))
+    }
+
+    /// Whether a glance at a few points shows that nothing is to be expected of a pose.
+    fn is_hopeless(
+        &self,
+        a: &[Posed<'_>],
+        b: &[Posed<'_>],
+        a_from_b: &RigidMotion,
+        matches: &Correspondences,
+        inliers: usize,
+    ) -> bool {
+        /// Probability, without any rival, below which nothing is expected of two scans, which are not
+        /// aligned yet, and of groups, which are.
+        const HOPELESS: [f64; 2] = [1e-3, 0.01];
+        let stride = GLANCE * fit_stride(a, b);
+        let inliers = inliers.max(matches.count(a_from_b, self.radius_m));
+        let glance = self.support_of(&surface_fit(a, b, a_from_b, stride), a_from_b, matches, (inliers, 0));
+        let p = probability::probability(&glance, &self.config.evidence.weights, self.sight_trusted);
+        probability::among(p, self.models.len()) < HOPELESS[usize::from(a.len() + b.len() > 2)]
+    }
+
+    /// Between groups, the closed-form fit to the matches near a proposal, narrowing down: what two
+    /// scans say of their groups is far off where the groups reach far beyond the two.
+    fn fit_matches(
+        &self,
+        a: &[Posed<'_>],
+        b: &[Posed<'_>],
+        proposal: &RigidMotion,
+        matches: &Correspondences,
+    ) -> RigidMotion {
+        let mut motion = *proposal;
+        if a.len() + b.len() <= 2 {
+            return motion;
+        }
+        for factor in [4.0, 2.0, 1.5] {
+            let near = matches.inliers(&motion, factor * self.radius_m);
+            if near.len() < 6 {
+                break;
+            }
+            let pairs = near.iter().map(|&i| {
+                let (s, t) = matches.pair(i);
+                (s, t, 1.0)
+            });
+            let Some(fitted) = fit_rigid(pairs) else { break };
+            motion = fitted;
+        }
+        motion
+    }
+
+    /// Most inliers of another hypothesis that speak against this motion: those which it does not
+    /// bring within 2τ.
+    pub fn runner_up<'m>(
+        &self,
+        matches: &Correspondences,
+        a_from_b: &RigidMotion,
+        others: impl Iterator<Item = &'m [usize]>,
+    ) -> usize {
+        let explained = matches.inliers(a_from_b, 2.0 * self.radius_m);
+        others
+            .map(|other| other.iter().filter(|&i| explained.binary_search(i).is_err()).count())
+            .max()
+            .unwrap_or(0)
+    }
+
+    /// Whether viewpoints that are believed speak against a pose, so that no number of matches makes up
+    /// for it: two rooms furnished alike match as well as one seen twice.
+    fn is_contradicted(&self, support: &Support) -> bool {
+        self.sight_trusted && support.violation > probability::MOST_VIOLATION_OF_RIGHT
+    }
+
+    /// Probability that a pose with this support is right; 0 with fewer inliers than are needed, and
+    /// at most one half where nothing singles the pose out or viewpoints contradict it.
+    pub fn probability(&self, support: &Support) -> f64 {
+        if support.inliers < self.config.evidence.min_inliers {
+            return 0.0;
+        }
+        let p = probability::probability(support, &self.config.evidence.weights, self.sight_trusted);
+        let p = probability::among(p, self.models.len());
+        if probability::is_undecided(support) || self.is_contradicted(support) { p.min(UNDECIDED) } else { p }
+    }
+
+    /// The evidence for one motion, which is not changed, with as many of the matches in agreement with
+    /// it and with the next best one; every `stride`-th point is looked at, as [`fit_stride`] says.
+    pub fn measure(
+        &self,
+        a: &[Posed<'_>],
+        b: &[Posed<'_>],
+        a_from_b: &RigidMotion,
+        matches: &Correspondences,
+        agreeing: (usize, usize),
+        stride: usize,
+    ) -> Assessment {
+        let fit = surface_fit(a, b, a_from_b, stride);
+        let mut support = self.support_of(&fit, a_from_b, matches, agreeing);
+        support.probability = Some(self.probability(&support));
+        Assessment { a_from_b: *a_from_b, support }
+    }
+
+    /// What matches and surfaces say of a pose together.
+    fn support_of(
+        &self,
+        fit: &SurfaceFit,
+        a_from_b: &RigidMotion,
+        matches: &Correspondences,
+        (inliers, runner_up): (usize, usize),
+    ) -> Support {
+        Support {
+            matches: matches.len(),
+            inliers,
+            runner_up,
+            chance: matches.count_by_chance(a_from_b, self.radius_m),
+            overlap: fit.overlap,
+            normal_agreement: fit.normal_agreement,
+            plane_residual: fit.plane_residual,
+            violation: fit.violation,
+            stiffness: fit.stiffness,
+            ..Support::default()
+        }
+    }
+
+    /// Large groups have points to spare: every n-th of their samples fixes six numbers as well.
+    fn align_stride(&self, a: &[Posed<'_>], b: &[Posed<'_>]) -> usize {
+        2 * a.len().min(b.len()).clamp(1, 16)
+    }
+}
+
+/// Every n-th point is enough to measure the evidence between groups of this size.
+pub fn fit_stride(a: &[Posed<'_>], b: &[Posed<'_>]) -> usize {
+    (a.len().min(b.len()) / 8).max(1)
+}
+
+/// Mean of the centres of a group's scans, in the group's frame.
+pub fn centre_of(group: &[Posed<'_>]) -> Point3<f64> {
+    let sum = group
+        .iter()
+        .map(|p| (p.group_from_scan * p.model.centre.cast::<f64>()).coords)
+        .sum::<nalgebra::Vector3<f64>>();
+    Point3::from(sum / group.len().max(1) as f64)
+}

@@ -1,0 +1,180 @@
+//! `report.json`: what a run worked on, with what settings, and how long each stage took.
+
+use super::poses::{Document, Entry, Verdict};
+use crate::scan::WorkingScale;
+use crate::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Time one stage took.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct StageTime {
+    /// Name of the stage.
+    pub stage: String,
+    /// Wall-clock seconds.
+    pub seconds: f64,
+}
+
+/// Sizes of one scan on its way through the pipeline.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ScanSize {
+    /// Finite points read.
+    pub points: usize,
+    /// Rows left out because a coordinate was not finite.
+    pub dropped_rows: usize,
+    /// Points at the working resolution.
+    pub surface_points: usize,
+    /// Keypoints described.
+    pub keypoints: usize,
+    /// Whether the features came from the cache or from files instead of being computed.
+    pub features_reused: bool,
+}
+
+/// The verdict on one scan, in one line.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    /// Name of the scan.
+    pub scan: String,
+    /// `pivot`, `placed` or `declined`.
+    pub outcome: String,
+    /// Component of a placed scan.
+    pub component: Option<usize>,
+    /// Growth step at which it joined.
+    pub step: Option<usize>,
+    /// Name of the scan it joined to.
+    pub parent: Option<String>,
+    /// Matches with the model.
+    pub matches: Option<usize>,
+    /// Matches within the inlier radius.
+    pub inliers: Option<usize>,
+    /// Inliers over matches.
+    pub inlier_ratio: Option<f64>,
+    /// Overlap with its parent, else the largest with any placed scan.
+    pub overlap: Option<f64>,
+    /// Root mean square distance of the inliers, metres.
+    pub residual_m: Option<f64>,
+    /// Why it was declined.
+    pub reason: Option<String>,
+}
+
+/// The whole report.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RunReport {
+    /// Program and version that wrote it.
+    pub generator: String,
+    /// Seed of all randomness.
+    pub seed: u64,
+    /// Preset the settings started from.
+    pub preset: String,
+    /// Threads that worked.
+    pub threads: usize,
+    /// Lengths the run worked at.
+    pub scale: WorkingScale,
+    /// Where the overlap head came from.
+    pub overlap_head: String,
+    /// How scans were registered.
+    pub method: String,
+    /// Pairs that were registered, this time or before; null for the incremental method.
+    pub registered_pairs: Option<usize>,
+    /// What these pairs took when they were registered, seconds; null likewise.
+    pub pair_seconds: Option<f64>,
+    /// Pairs that became edges of the pose graph; null likewise.
+    pub edges: Option<usize>,
+    /// Scans with a pose.
+    pub placed: usize,
+    /// Scans without.
+    pub declined: usize,
+    /// Components of two scans and more, and single pivots.
+    pub components: usize,
+    /// Evidence, one row a scan.
+    pub evidence: Vec<Row>,
+    /// Sizes, one entry a scan.
+    pub sizes: Vec<ScanSize>,
+    /// Stages in order.
+    pub timings: Vec<StageTime>,
+    /// Sum of the stages.
+    pub total_seconds: f64,
+    /// Highest memory use of the process so far, where the system tells.
+    pub peak_memory_bytes: Option<u64>,
+}
+
+impl RunReport {
+    /// As JSON text, ending in a line break.
+    pub fn to_json(&self) -> String {
+        // Serialising these types cannot fail: every map key is a string.
+        serde_json::to_string_pretty(self).map(|text| text + "\n").unwrap_or_default()
+    }
+
+    /// Adds stages to the timings and their sum.
+    pub fn add_times(&mut self, stages: Vec<StageTime>) {
+        self.total_seconds += stages.iter().map(|t| t.seconds).sum::<f64>();
+        self.timings.extend(stages);
+    }
+
+    /// Reads a `report.json`.
+    ///
+    /// # Errors
+    /// [`Error::Read`], or [`Error::File`] when the file is no such report.
+    pub fn load(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+        serde_json::from_str(&text).map_err(|e| {
+            let expected = "a report as `scanweave register` writes it";
+            let remedy = "name the output folder of a finished registration, or register again";
+            Error::file(path, format!("text that does not fit ({e})"), expected, remedy)
+        })
+    }
+}
+
+/// One row a scan of `poses.json`.
+pub fn rows(document: &Document) -> Vec<Row> {
+    document.scans.iter().map(|entry| row(entry, &document.scans)).collect()
+}
+
+fn row(entry: &Entry, all: &[Entry]) -> Row {
+    let mut row = Row {
+        scan: entry.name.clone(),
+        outcome: "declined".to_owned(),
+        component: None,
+        step: None,
+        parent: None,
+        matches: None,
+        inliers: None,
+        inlier_ratio: None,
+        overlap: None,
+        residual_m: None,
+        reason: None,
+    };
+    match &entry.verdict {
+        Verdict::Declined { explanation, .. } => row.reason = Some(explanation.clone()),
+        Verdict::Placed(pose) => {
+            let of_parent = pose.neighbours.iter().find(|n| Some(n.scan.0) == pose.parent);
+            let largest = || pose.neighbours.iter().max_by(|a, b| a.overlap.total_cmp(&b.overlap));
+            row.overlap = of_parent.or_else(largest).map(|n| n.overlap);
+            row.component = Some(pose.component);
+            row.step = Some(pose.step);
+            row.outcome = if pose.parent.is_some() { "placed" } else { "pivot" }.to_owned();
+            if let Some(parent) = pose.parent {
+                row.parent = all.get(parent).map(|e| e.name.clone());
+                row.matches = Some(pose.matches);
+                row.inliers = Some(pose.inliers);
+                row.inlier_ratio = Some(pose.inlier_ratio);
+                row.residual_m = Some(pose.residual_m);
+            }
+        }
+    }
+    row
+}
+
+/// Highest resident memory of this process so far, bytes; `None` where the system does not tell.
+pub fn peak_memory_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kb| kb * 1024)
+}
+
+/// Lets [`peak_memory_bytes`] start anew from what the process uses now; `false` where the system
+/// does not offer that.
+pub fn reset_peak_memory() -> bool {
+    // Linux: "5" resets the peak resident set size (proc(5), /proc/pid/clear_refs).
+    std::fs::write("/proc/self/clear_refs", "5").is_ok()
+}

@@ -1,0 +1,24 @@
+//! The types that flow between stages.
+
+mod cloud;
+mod depth;
+mod features;
+mod pose_graph;
+mod reconstruction;
+mod similarity;
+mod surface;
+mod truth;
+mod working_scale;
+
+pub use cloud::{PointCloud, Scan, ScanId};
+pub use depth::{DepthImage, Intrinsics};
+pub use features::{Descriptors, Features};
+pub use pose_graph::{PairKey, PairRegistration, PoseEdge, PoseGraph};
+pub use reconstruction::{
+    DeclineReason, Hold, Link, NeighbourEvidence, Outcome, Placement, Reconstruction, Support,
+};
+pub use similarity::SimilarityMatrix;
+pub use surface::Surface;
+pub use truth::PairTruth;
+pub use working_scale::WorkingScale;
+pub(crate) use working_scale::{length, rounded};
