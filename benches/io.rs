@@ -1,8 +1,8 @@
 //! Reading a binary PLY of a million points: the aim is below 0.1 s.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use scanweave::geometry::Point;
-use scanweave::io::{PlyCloud, read_cloud, write_ply};
+use scanweave_core::geometry::Point;
+use scanweave_core::io::{PlyCloud, read_cloud, write_ply};
 
 const POINTS: usize = 1_000_000;
 

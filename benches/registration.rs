@@ -3,12 +3,12 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use scanweave::geometry::Point;
-use scanweave::registration::config::{EstimatorConfig, EstimatorKind};
-use scanweave::registration::pairwise::estimate::estimate;
-use scanweave::registration::pairwise::matching::Matches;
-use scanweave::registration::pairwise::nearest::{Columns, nearest_both};
-use scanweave::scan::Descriptors;
+use scanweave_core::geometry::Point;
+use scanweave_core::registration::Matches;
+use scanweave_core::registration::config::{EstimatorConfig, RansacConfig, SpatialCompatibilityConfig};
+use scanweave_core::registration::estimate;
+use scanweave_core::registration::{Columns, nearest_both};
+use scanweave_core::scan::Descriptors;
 use std::hint::black_box;
 
 fn descriptors(n: usize, dim: usize, seed: u64) -> Descriptors {
@@ -36,11 +36,13 @@ fn estimation(c: &mut Criterion) {
         matches.scores.push(0.0);
         matches.target.push(if i < 75 { s } else { t });
     }
-    for (name, kind, hypotheses) in [
-        ("ransac, 1000 triples, 1500 matches at 5 %", EstimatorKind::Ransac, 1000),
-        ("spatial compatibility, 200 seeds, 1500 matches at 5 %", EstimatorKind::SpatialCompatibility, 200),
+    for (name, config) in [
+        ("ransac, 1000 triples, 1500 matches at 5 %", EstimatorConfig::Ransac(RansacConfig::default())),
+        (
+            "spatial compatibility, 200 seeds, 1500 matches at 5 %",
+            EstimatorConfig::SpatialCompatibility(SpatialCompatibilityConfig::default()),
+        ),
     ] {
-        let config = EstimatorConfig { kind, hypotheses, ..EstimatorConfig::default() };
         c.bench_function(name, |bench| bench.iter(|| estimate(black_box(&matches), &config, 0.07, 0)));
     }
 }

@@ -1,4 +1,4 @@
-//! MiniSpinNet descriptors a second, and the floor they are judged by.
+//! MiniSpinNet descriptors a second, and the floor they are compared with.
 //!
 //! ```text
 //! cargo run --release --example descriptor_speed
@@ -13,10 +13,9 @@ use burn::tensor::{Device, Tensor, TensorData};
 use clap::Parser;
 use rayon::prelude::*;
 use scanweave::Silent;
-use scanweave::training::mini_spin_net::initial_weights;
-use scanweave::descriptor::mini_spin_net::{self, Architecture, Network};
-use scanweave::descriptor::{KeypointConfig, WorkingScale, keypoints, surface};
+use scanweave::descriptor::mini_spin_net::{self, Architecture, Network, Weights};
 use scanweave::geometry::Point;
+use scanweave::scan::WorkingScale;
 use scanweave::synthetic::{self, SynthConfig};
 use std::path::PathBuf;
 use std::time::Instant;
@@ -57,10 +56,12 @@ fn main() -> Result<()> {
     let config = SynthConfig { rooms: 1, scans: 1, ..SynthConfig::default() };
     let scan = &synthetic::generate(&config, &Silent)?.scans[0];
     let scale = WorkingScale::from_voxel(0.025);
-    let surface = surface::thin(&scan.cloud, &scale);
-    let count = KeypointConfig { count: arguments.keypoints }.count;
-    let chosen: Vec<Point> =
-        keypoints::choose(&surface, count, 0).into_iter().map(|i| surface.points[i]).collect();
+    let surface = scanweave::preprocessing::thin(&scan.cloud, &scale);
+    let count = arguments.keypoints;
+    let chosen: Vec<Point> = scanweave::descriptor::choose_keypoints(&surface, count, 0)
+        .into_iter()
+        .map(|i| surface.points[i])
+        .collect();
     let network = Network::new(&weights);
     let seconds = fastest(arguments.repeat, || {
         let radius_m = scale.feature_radius_m as f32;

@@ -9,11 +9,11 @@
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use scanweave::geometry::rigid::{rotation_error_rad, translation_error_m};
 use scanweave::geometry::{Point, RigidMotion};
-use scanweave::registration::config::{EstimatorConfig, EstimatorKind};
-use scanweave::registration::pairwise::estimate::estimate;
-use scanweave::registration::pairwise::matching::Matches;
+use scanweave::geometry::{rotation_error_rad, translation_error_m};
+use scanweave::registration::Matches;
+use scanweave::registration::config::{EstimatorConfig, RansacConfig, SpatialCompatibilityConfig};
+use scanweave::registration::estimate;
 use std::time::Instant;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -28,14 +28,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
     }
     let estimators = [
-        ("spatial compatibility, 200 seeds", EstimatorKind::SpatialCompatibility, 200),
-        ("RANSAC, 1000 triples", EstimatorKind::Ransac, 1000),
-        ("RANSAC, 10000 triples", EstimatorKind::Ransac, 10_000),
+        (
+            "spatial compatibility, 200 seeds",
+            EstimatorConfig::SpatialCompatibility(SpatialCompatibilityConfig::default()),
+        ),
+        ("RANSAC, 1000 triples", EstimatorConfig::Ransac(RansacConfig::default())),
+        (
+            "RANSAC, 10000 triples",
+            EstimatorConfig::Ransac(RansacConfig { hypotheses: 10_000, ..RansacConfig::default() }),
+        ),
     ];
     println!("{count} matches, {trials} trials: success %, ms a pair");
     println!("{:34} {:>14} {:>14} {:>14} {:>14}", "right matches", "5 %", "10 %", "20 %", "50 %");
-    for (name, kind, hypotheses) in estimators {
-        let config = EstimatorConfig { kind, hypotheses, ..EstimatorConfig::default() };
+    for (name, config) in estimators {
         let mut line = format!("{name:34}");
         for share in [0.05, 0.1, 0.2, 0.5] {
             let (mut found, mut seconds) = (0, 0.0);

@@ -8,9 +8,9 @@
 //! every other place among them. Random groups of one to sixteen overlapping scans, at poses a little off the
 //! truth, are then compared as the registration does it. A proposed relative pose is right when it
 //! is within 5° and 3τ of the truth at the centre of the second group; what lies between that and
-//! 10°, 6τ is left out. Prints for every scene what weights fitted without it make of it (log loss,
-//! how often a probability above a threshold is right, reliability), and the weights for all.
-//! `--table` writes what was measured of every proposal as CSV.
+//! 10°, 6τ is left out. Prints for every scene the quality of weights fitted to the other scenes (log
+//! loss, how often a probability above a threshold is right, reliability), and the weights fitted to all.
+//! `--table` writes the measurements of every proposal as CSV.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use rand::seq::SliceRandom;
@@ -19,25 +19,24 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use scanweave::Silent;
 use scanweave::config::Config;
-use scanweave::descriptor::keypoints;
 use scanweave::evaluation::ground_truth::overlap_matrix;
 use scanweave::geometry::{Point, RigidMotion};
 use scanweave::pipeline::{self, FeatureSource};
-use scanweave::registration::agglomerative::Assembly;
-use scanweave::registration::verification::verifier::{Assessment, Assessor};
-use scanweave::registration::config::EvidenceWeights;
-use scanweave::registration::verification::probability::predictors;
+use scanweave::registration::Agglomeration;
+use scanweave::registration::ScanModel;
+use scanweave::registration::config::{AgglomerativeConfig, EvidenceWeights, SurfaceVerification};
+use scanweave::registration::predictors;
 use scanweave::registration::{Lengths, ScanInput};
-use scanweave::registration::agglomerative::pairs::{PairRegistration, most_similar_pairs};
-use scanweave::registration::scan_model::ScanModel;
+use scanweave::registration::{PairScorer, most_similar_pairs};
+use scanweave::registration::{ScoredHypothesis, Verifier};
 use scanweave::retrieval::similarity_of;
-use scanweave::scan::{Features, ScanId, SimilarityMatrix, Support, Surface};
+use scanweave::scan::{Evidence, Features, ScanId, SimilarityMatrix, Surface};
 use std::path::{Path, PathBuf};
 
 /// Rounds of random groups per scene and keypoint count.
 const ROUNDS: usize = 8;
 /// Scans of every other place, at most, that are compared with the scene: alone and as a group.
-const STRANGERS: usize = 8;
+const UNRELATED: usize = 8;
 const PREDICTORS: usize = 10;
 
 type Failure = Box<dyn std::error::Error>;
@@ -55,7 +54,7 @@ struct Scene {
 struct Example {
     x: [f64; PREDICTORS],
     right: bool,
-    support: Support,
+    evidence: Evidence,
     /// Scans of the two groups.
     sizes: (usize, usize),
 }
@@ -102,16 +101,23 @@ fn main() -> Result<(), Failure> {
 
 fn csv(scenes: &[Scene], examples: &[Vec<Example>]) -> String {
     let mut lines = String::from(
-        "scene,right,scans_a,scans_b,matches,inliers,runner_up,overlap,normal_agreement,plane_residual,\
-         violation,stiffness,chance\n",
+        "scene,right,scans_a,scans_b,matches,inliers,second_best_inliers,overlap,normal_agreement,plane_residual,\
+         free_space_violation,localizability,chance_inliers\n",
     );
     for (scene, of_scene) in scenes.iter().zip(examples) {
-        for Example { right, support: s, sizes: (a, b), .. } in of_scene {
-            let shares =
-                [s.overlap, s.normal_agreement, s.plane_residual, s.violation, s.stiffness, s.chance];
+        for Example { right, evidence: s, sizes: (a, b), .. } in of_scene {
+            let shares = [
+                s.overlap,
+                s.normal_agreement,
+                s.plane_residual,
+                s.free_space_violation,
+                s.localizability,
+                s.chance_inliers,
+            ];
             let shares = shares.map(|x| x.to_string()).join(",");
             let (right, name) = (u8::from(*right), &scene.name);
-            let counts = [*a, *b, s.matches, s.inliers, s.runner_up].map(|n| n.to_string()).join(",");
+            let counts =
+                [*a, *b, s.matches, s.inliers, s.second_best_inliers].map(|n| n.to_string()).join(",");
             lines += &format!("{name},{right},{counts},{shares}\n");
         }
     }
@@ -138,12 +144,12 @@ fn read(folder: &str, given: Option<&Path>, keypoints: usize) -> Result<Scene, F
     Ok(Scene { name: scene.name, features, surfaces, world_from_scan: truth, overlap, lengths })
 }
 
-/// Scenes whose names agree up to the last dash may show the same place: no strangers.
+/// Scenes whose names agree up to the last dash may show the same place: no unrelated scans.
 fn place(name: &str) -> &str {
     name.rsplit_once('-').map_or(name, |n| n.0)
 }
 
-/// Labelled proposals between random groups of scene `s`, and between its scans and strangers.
+/// Labelled proposals between random groups of scene `s`, and between its scans and unrelated scans.
 fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Failure> {
     let scene = &scenes[s];
     let n = scene.features.len();
@@ -154,26 +160,29 @@ fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Fai
         .filter(|&o| place(&scenes[o].name) != place(&scene.name))
         .map(|o| {
             let mut taken = vec![false; scenes[o].features.len()];
-            (o, random_group(&scenes[o], &mut taken, STRANGERS..=STRANGERS, &mut rng))
+            (o, random_group(&scenes[o], &mut taken, UNRELATED..=UNRELATED, &mut rng))
         })
         .collect();
-    let strangers: Vec<(usize, usize)> =
+    let unrelated: Vec<(usize, usize)> =
         elsewhere.iter().flat_map(|(o, members)| members.iter().map(|m| (*o, m.0.0))).collect();
-    let all = scene.features.iter().chain(strangers.iter().map(|&(o, i)| &scenes[o].features[i]));
-    let features: Vec<Features> = all.map(|f| keypoints::subsample(f, count, 0)).collect();
+    let all = scene.features.iter().chain(unrelated.iter().map(|&(o, i)| &scenes[o].features[i]));
+    let features: Vec<Features> =
+        all.map(|f| scanweave::descriptor::subsample_features(f, count, 0)).collect();
     let surfaces: Vec<&Surface> =
-        scene.surfaces.iter().chain(strangers.iter().map(|&(o, i)| &scenes[o].surfaces[i])).collect();
+        scene.surfaces.iter().chain(unrelated.iter().map(|&(o, i)| &scenes[o].surfaces[i])).collect();
     let inputs: Vec<ScanInput<'_>> =
         features.iter().zip(&surfaces).map(|(features, surface)| ScanInput { features, surface }).collect();
     let config = Config::default();
+    let settings = SurfaceVerification::default();
     let similarity = similarity_of(&features, &config.retrieval, None, 0, &Silent)?.0;
     let radius_m = scene.lengths.inlier_radius_m;
     let models: Vec<ScanModel<'_>> =
         surfaces.par_iter().map(|s| ScanModel::new(s, radius_m as f32, &config.registration)).collect();
-    let assessor = Assessor { models: &models, config: &config.registration, radius_m, sight_trusted: true };
+    let verifier = Verifier { models: &models, settings: &settings, radius_m, viewpoints_reliable: true };
     let usable: Vec<ScanId> = (0..inputs.len()).map(ScanId).collect();
-    let pairs = most_similar_pairs(&similarity, &usable, config.registration.assembly.neighbours);
-    let pairs = PairRegistration::new(&inputs, 0).register(&pairs, &assessor, &Silent)?;
+    let pairs = most_similar_pairs(&similarity, &usable, AgglomerativeConfig::default().neighbours);
+    let pairs =
+        PairScorer::new(&inputs, &config.registration.estimator, 0).register(&pairs, &verifier, &Silent)?;
     let keypoints: Vec<_> = inputs.iter().map(|s| s.features.keypoints.as_slice()).collect();
     let mut examples = Vec::new();
     for round in 0..ROUNDS {
@@ -196,21 +205,22 @@ fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Fai
             groups.push(members.by_ref().take(together).collect());
             groups.extend(members.map(|m| vec![m]));
         }
-        let mut assembly = Assembly::of_groups(&assessor, keypoints.clone(), groups);
-        assembly.add_pairs(pairs.clone());
-        for (a, b, assessments) in assembly.assessments() {
+        let mut agglomeration =
+            Agglomeration::of_groups(&verifier, &config.registration, keypoints.clone(), groups);
+        agglomeration.add_pairs(pairs.clone());
+        for (a, b, scored_hypotheses) in agglomeration.scored_hypotheses() {
             if a.min(b) >= own {
                 continue;
             }
             // Poses of both groups are near the truth: the true motion is near the identity.
             let related = a.max(b) < own;
-            for assessment in assessments {
+            for scored in scored_hypotheses {
                 let label =
-                    if related { judge(&assessment, assembly.centre(b), radius_m) } else { Some(false) };
-                if let (Some(right), true) = (label, assessment.support.inliers >= 3) {
-                    let (x, support) = (predictors(&assessment.support, true), assessment.support);
-                    let sizes = (assembly.size(a), assembly.size(b));
-                    examples.push(Example { x, right, support, sizes });
+                    if related { judge(&scored, agglomeration.centre(b), radius_m) } else { Some(false) };
+                if let (Some(right), true) = (label, scored.evidence.inliers >= 3) {
+                    let (x, evidence) = (predictors(&scored.evidence, true), scored.evidence);
+                    let sizes = (agglomeration.size(a), agglomeration.size(b));
+                    examples.push(Example { x, right, evidence, sizes });
                 }
             }
         }
@@ -252,9 +262,9 @@ fn random_group(
     members.into_iter().map(|(i, error)| (ScanId(i), error * scene.world_from_scan[i])).collect()
 }
 
-fn judge(assessment: &Assessment, centre: nalgebra::Point3<f64>, radius_m: f64) -> Option<bool> {
-    let turned = assessment.a_from_b.rotation.angle().to_degrees();
-    let moved = (assessment.a_from_b * centre - centre).norm();
+fn judge(scored: &ScoredHypothesis, centre: nalgebra::Point3<f64>, radius_m: f64) -> Option<bool> {
+    let turned = scored.a_from_b.rotation.angle().to_degrees();
+    let moved = (scored.a_from_b * centre - centre).norm();
     let within = |deg: f64, radii: f64| turned <= deg && moved <= radii * radius_m;
     if within(5.0, 3.0) {
         Some(true)
@@ -317,5 +327,5 @@ fn report(name: &str, examples: &[Example], weights: &[f64; PREDICTORS]) {
             format!("{low:.1}–{high:.1}: {share:.2} of {}", inside.len())
         })
         .collect();
-    println!("  right among p in {}", bins.join(", "));
+    println!("  right with_scan_count_prior p in {}", bins.join(", "));
 }

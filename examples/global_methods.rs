@@ -1,25 +1,26 @@
-//! The rivals of the incremental method on real scenes, from the same features.
+//! Incremental, agglomerative and global methods on real scenes, with the same features.
 //!
 //! Usage: `cargo run --release --example global_methods -- [--keypoints N] [--preset NAME]
 //! [--set KEY=VALUE] [--features DIR] [--weights LITS_FILE] [--cache DIR] [--no-incremental | --default-only] DATA SCENE…`
 //!
 //! Features are computed, or read from DIR/SCENE/<scan>.npz: N keypoints a scan (2500), a sample where
-//! more are given. Of the settings by `--set` the run of the preset `default` takes over those of the
-//! descriptor. `--default-only` prints the lines of `default` alone.
+//! more are given. The run of the preset `default` (agglomerative) uses only the descriptor settings of
+//! `--set`. `--default-only` prints the lines of `default` alone.
 //!
 //! DATA holds 3dmatch/SCENE/PointCloud and benchmarks/{3DMatch,3DLoMatch}/SCENE. For every scene
-//! and pose graph the pairs are registered once, and every method gets the same graph; no
-//! method's poses are refined afterwards but for the incremental one's, where the preset says
-//! so, and a second time by the preset `default`. Prints one line a scene, graph and method, then the means over the scenes: registration
-//! recall on both benchmarks in percent, pairs registered and kept, share of the kept ones that
-//! are right (10°, 0.3 m), and the seconds that pairs (when they were registered) and synchronisation took.
+//! and pose graph the pairs are registered once, and every global method gets the same graph. Their
+//! poses are not refined afterwards. The incremental method runs with the preset, and refines poses where
+//! that says so; it is followed by the preset `default`. Prints one line a scene, graph and method, then
+//! the means over the scenes: registration recall on both benchmarks in percent, pairs registered and
+//! kept, share of the kept ones that are right (10°, 0.3 m), and the seconds that pairs (when they were
+//! registered) and synchronisation took.
 
 use scanweave::config::{Layers, Method as Choice};
 use scanweave::descriptor::DescriptorKind;
-use scanweave::descriptor::keypoints::subsample;
+use scanweave::descriptor::subsample_features;
 use scanweave::evaluation::recall::{RecallConfig, RecallReport, registration_recall};
 use scanweave::geometry::RigidMotion;
-use scanweave::geometry::rigid::{rotation_error_rad, translation_error_m};
+use scanweave::geometry::{rotation_error_rad, translation_error_m};
 use scanweave::io::dataset::{Benchmark, read_benchmark, read_scene};
 use scanweave::pipeline::{self, FeatureSource, PairCache, Run, run_with_pairs};
 use scanweave::scan::{PoseGraph, Reconstruction, Scan, ScanId};
@@ -134,7 +135,7 @@ fn scene(options: &Options, name: &str) -> Result<Vec<(usize, String, Line)>, Fa
     let given = match &options.features {
         Some(features) => {
             let all = pipeline::read_features(&features.join(name), &scans, &Silent)?;
-            Some(all.iter().map(|f| subsample(f, options.keypoints, 0)).collect::<Vec<_>>())
+            Some(all.iter().map(|f| subsample_features(f, options.keypoints, 0)).collect::<Vec<_>>())
         }
         None => None,
     };
@@ -143,7 +144,7 @@ fn scene(options: &Options, name: &str) -> Result<Vec<(usize, String, Line)>, Fa
     let graphs = if options.default_only { &[][..] } else { &GRAPHS };
     for (g, &(kind, graph_name)) in graphs.iter().enumerate() {
         let mut config = options.config.clone();
-        config.registration.joint.enabled = false;
+        config.registration.multiview_icp.enabled = false;
         (config.method, config.synchronization.graph) = (Choice::Sghr, kind);
         let (run, _) = timed(&scans, &config, &source, &folder)?;
         let graph = run.pose_graph.ok_or("no pose graph")?;

@@ -23,14 +23,15 @@ use anyhow::{Context, Result};
 use clap::Parser;
 use ndarray::ArrayView2;
 use rayon::prelude::*;
-use scanweave::descriptor::keypoints::subsample;
-use scanweave::descriptor::{self, DescriptorConfig, DescriptorKind, KeypointConfig, WorkingScale, surface};
+use scanweave::descriptor::subsample_features;
+use scanweave::descriptor::{self, DescriptorConfig, DescriptorKind, KeypointConfig};
 use scanweave::evaluation::recall::rmse_m;
-use scanweave::geometry::rigid::PointMover;
+use scanweave::geometry::PointMover;
 use scanweave::io;
+use scanweave::registration::Matches;
 use scanweave::registration::RegistrationConfig;
-use scanweave::registration::pairwise::estimate::estimate;
-use scanweave::registration::pairwise::matching::Matches;
+use scanweave::registration::estimate;
+use scanweave::scan::WorkingScale;
 use scanweave::scan::{Features, PairTruth, Scan, ScanId};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -199,11 +200,11 @@ fn features_of(
     match source {
         Source::Folder(folder) => {
             let path = folder.join(scene).join(format!("cloud_bin_{id}.npz"));
-            Ok(subsample(&io::features::read_npz(path)?, count, seed))
+            Ok(subsample_features(&io::features::read_npz(path)?, count, seed))
         }
         Source::Fpfh(scale) => {
             let scan = Scan { id, name: String::new(), path: None, cloud: io::read_cloud(cloud)? };
-            let surface = surface::thin(&scan.cloud, scale);
+            let surface = scanweave::preprocessing::thin(&scan.cloud, scale);
             let keypoints = KeypointConfig { count };
             let config = DescriptorConfig { kind: DescriptorKind::Fpfh, keypoints, ..Default::default() };
             Ok(descriptor::describe(&scan, &surface, scale, &config, seed)?)

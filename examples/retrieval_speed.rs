@@ -5,9 +5,9 @@
 use rand::{RngExt, SeedableRng};
 use scanweave::Silent;
 use scanweave::geometry::{Point, RigidMotion};
-use scanweave::training::overlap_head::{TrainConfig, TrainingData, TrainingScene, train};
 use scanweave::retrieval::{DescriptorTag, RetrievalConfig, similarity_of};
 use scanweave::scan::{Descriptors, Features};
+use scanweave::training::overlap_head::{TrainConfig, TrainingData, TrainingScene, train};
 use std::time::Instant;
 
 fn main() {

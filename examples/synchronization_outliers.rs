@@ -1,15 +1,15 @@
-//! Which synchronisation methods survive wrong edges.
+//! Robustness of the synchronisation methods to wrong edges.
 //!
 //! Usage: `cargo run --release --example synchronization_outliers -- [--weights LITS_FILE]`
 //!
-//! Pose graphs of 30 scans with half of all pairs as edges, 1° and 2 cm of noise per axis and a
-//! growing share of random motions among the edges. Prints, for every method (the learned one
+//! Pose graphs of 30 scans with half of all pairs as edges, 1° and 2 cm of noise per axis and an
+//! increasing share of random motions among the edges. Prints, for every method (the learned one
 //! where its weights are given), the mean over
 //! ten graphs of the share of all pairs of scans whose relative pose is within 15° and 0.3 m
 //! of the truth, and the median rotation error of these.
 
 use scanweave::Silent;
-use scanweave::geometry::rigid::{rotation_error_rad, translation_error_m};
+use scanweave::geometry::{rotation_error_rad, translation_error_m};
 use scanweave::scan::ScanId;
 use scanweave::synchronization::{LitsWeights, Method, synchronize};
 use scanweave::synthetic::pose_graph::{KnownPoseGraph, PoseGraphConfig};

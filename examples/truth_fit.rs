@@ -1,22 +1,22 @@
-//! How scans sit on each other at their published poses: a bound on what surfaces can tell.
+//! How well scans fit each other at their published poses: a bound on the evidence of surfaces.
 //!
 //! Usage: `cargo run --release --example truth_fit -- [--pairs] SCENE…`
 //!
 //! Each SCENE is a folder of scans with true poses. For the pairs of either benchmark (true overlap over
 //! 0.3, and over 0.1 up to 0.3) it prints the median share of touching points whose normals agree, the
 //! median distance to tangent planes in units of τ, the median share of points in space that the other
-//! scan saw to be empty, and how many pairs contradict themselves: more than an eighth of their points in
-//! such space, which the registration takes for proof that a pose is wrong. `--pairs` lists every pair.
+//! scan saw to be empty, and how many pairs exceed the limit of free-space violation: more than an eighth
+//! of their points in such space, which the registration takes as proof that a pose is wrong. `--pairs`
+//! lists every pair.
 
 use rayon::prelude::*;
 use scanweave::Silent;
 use scanweave::config::Config;
-use scanweave::descriptor::{scale, surface};
 use scanweave::evaluation::ground_truth::{LO_MATCH_OVERLAP, MATCH_OVERLAP, benchmark_pairs, overlap_matrix};
 use scanweave::geometry::{Point, RigidMotion};
-use scanweave::registration::verification::probability::MOST_VIOLATION_OF_RIGHT;
-use scanweave::registration::scan_model::ScanModel;
-use scanweave::registration::verification::surface_fit::{Posed, SurfaceFit, surface_fit};
+use scanweave::registration::MOST_VIOLATION_OF_CORRECT;
+use scanweave::registration::ScanModel;
+use scanweave::registration::{Posed, SurfaceFit, surface_fit};
 use scanweave::scan::{PointCloud, Surface};
 
 type Failure = Box<dyn std::error::Error>;
@@ -42,8 +42,9 @@ fn scene(folder: &str, list: bool) -> Result<(), Failure> {
     let scans = scanweave::io::read_scans(&scene.scans, &Silent)?;
     let config = Config::default();
     let clouds: Vec<&PointCloud> = scans.iter().map(|s| &s.cloud).collect();
-    let lengths = scale::choose(&config.scale, &clouds)?.scale;
-    let surfaces: Vec<Surface> = clouds.par_iter().map(|c| surface::thin(c, &lengths)).collect();
+    let lengths = scanweave::preprocessing::choose_scale(&config.scale, &clouds)?.scale;
+    let surfaces: Vec<Surface> =
+        clouds.par_iter().map(|c| scanweave::preprocessing::thin(c, &lengths)).collect();
     let radius_m = lengths.inlier_radius_m as f32;
     let models: Vec<ScanModel<'_>> =
         surfaces.par_iter().map(|s| ScanModel::new(s, radius_m, &config.registration)).collect();
@@ -68,8 +69,8 @@ fn scene(folder: &str, list: bool) -> Result<(), Failure> {
             pairs.len(),
             median(|f| f.normal_agreement),
             median(|f| f.plane_residual),
-            median(|f| f.violation),
-            fits.iter().filter(|f| f.violation > MOST_VIOLATION_OF_RIGHT).count()
+            median(|f| f.free_space_violation),
+            fits.iter().filter(|f| f.free_space_violation > MOST_VIOLATION_OF_CORRECT).count()
         );
         for ((i, j), f) in pairs.iter().zip(&fits).filter(|_| list) {
             println!(
@@ -77,7 +78,7 @@ fn scene(folder: &str, list: bool) -> Result<(), Failure> {
                 overlap.get(i.0, j.0),
                 f.normal_agreement,
                 f.plane_residual,
-                f.violation
+                f.free_space_violation
             );
         }
     }

@@ -11,10 +11,10 @@ results go to OUT/<method>/<scene>, and a table to standard output. In an enviro
 
 (Open3D needs the system libraries libusb-1.0-0 and libgl1.) Every method runs in a process of its own on
 all processors. Open3D and KISS-Matcher register all pairs, at a voxel of 5 cm: Open3D by FPFH and RANSAC
-of 100000 rounds, as its tutorial does; KISS-Matcher with its defaults. Both keep a pair when its
-information matrix says that a share of 0.3 of the smaller scan touches, as Open3D's reconstruction system
-does, start from the spanning tree of most overlap, and optimise the pose graph of all pairs kept with
-Open3D's line process. Scanweave runs without a flag. `scanweave evaluate` judges all three.
+of 100000 rounds, as in its tutorial; KISS-Matcher with its defaults. A pair is kept when its information
+matrix implies an overlap of at least 0.3 of the smaller scan, as in Open3D's reconstruction system. Poses are
+initialised from the maximum spanning tree by overlap. The pose graph of all kept pairs is then optimised with
+Open3D's line process. Scanweave runs without a flag. `scanweave evaluate` evaluates all three.
 """
 
 import json

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Time and memory of a registration by the number of scans: synthetic buildings with fifteen scans a
-# room, features given (FPFH, 2500 keypoints). Prints a table; what is there already is not made again.
+# room, features given (FPFH, 2500 keypoints). Prints a table; existing files are reused.
 #
 # Usage: scale-curve.sh SCANWEAVE OUT [SCANS...]      needs jq
 set -euo pipefail

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Tests the pages of `register`, `evaluate` and `benchmark` in a real browser: makes them of synthetic
-# scans and drives Chromium over them. Takes the binary to test (target/release/scanweave). Needs Node.js, npm and Chromium
+# Tests the pages of `register`, `evaluate` and `benchmark` in a real browser: makes them from synthetic
+# scans and opens them in Chromium. Takes the binary to test (target/release/scanweave). Needs Node.js, npm and Chromium
 # (CHROMIUM says where it is; /usr/bin/chromium otherwise).
 set -euo pipefail
 cd "$(dirname "$0")/.."

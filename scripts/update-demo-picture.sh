@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Draws the pictures of the README again: docs/demo.svg, the result of `scanweave demo` seen from
-# above, and docs/report.png, the report of a demo with scans that do not belong. The second needs
+# above, and docs/report.png, the report of a demo with unrelated scans. The second needs
 # Node.js and Chromium.
 set -euo pipefail
 cd "$(dirname "$0")/.."

@@ -146,13 +146,18 @@ fn settings_are_checked_before_anything_is_read() {
     with(&["--config", path.to_str().unwrap()]).code(4).stderr(contains("bad.toml").and(contains("line 1")));
     let path = case.file("binary.toml", [0xff, 0xfe, 0x00]);
     with(&["--config", path.to_str().unwrap()]).code(4).stderr(contains("not UTF-8"));
-    let path = case.file("unknown.toml", "[registration]\nshort_list = 3\n");
-    with(&["--config", path.to_str().unwrap()])
+    let path = case.file("unknown.toml", "[registration.strategy]\nshort_list = 3\n");
+    with(&["--config", path.to_str().unwrap()]).code(4).stderr(
+        contains("unknown.toml: registration.strategy.short_list")
+            .and(contains("`registration.strategy.shortlist`")),
+    );
+    with(&["--set", "registration.strategy.mrege=mean"])
         .code(4)
-        .stderr(contains("unknown.toml: registration.short_list").and(contains("`registration.shortlist`")));
-    with(&["--set", "registration.mrege=mean"])
-        .code(4)
-        .stderr(contains("--set").and(contains("`registration.merge`")));
+        .stderr(contains("--set").and(contains("`registration.strategy.merge`")));
+    with(&["--set", "registration.strategy.shortlist=5"]).code(4).stderr(
+        contains("registration.strategy.shortlist").and(contains("no effect")).and(contains("incremental")),
+    );
+    with(&["--graph", "full"]).code(4).stderr(contains("synchronization.graph").and(contains("no effect")));
     with(&["--set", "scale.voxel_m=-1"])
         .code(4)
         .stderr(contains("--set: scale.voxel_m").and(contains("positive")));

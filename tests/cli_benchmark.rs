@@ -1,4 +1,4 @@
-//! `scanweave benchmark`, `evaluate --dataset` and `diagnose` on a tiny made-up data set.
+//! `scanweave benchmark`, `evaluate --dataset` and `diagnose` on a tiny synthetic data set.
 
 mod cli_common;
 
@@ -210,7 +210,7 @@ fn a_suite_that_cannot_run_says_what_is_wrong() {
     assert!(!output.join("table.md").exists());
 }
 
-/// A data set of two made-up scenes in the published layout: scenes/<name>/PointCloud, gt.log beside it.
+/// A data set of two synthetic scenes in the published layout: scenes/<name>/PointCloud, gt.log beside it.
 fn dataset(place: &Path) -> PathBuf {
     let root = place.join("scenes");
     for (scene, seed) in [("one", "5"), ("two", "6")] {
@@ -365,7 +365,7 @@ fn the_page_of_a_result_names_the_scan_that_went_wrong_first() {
     command.arg(&set).assert().success();
     for page in [one, set].map(text) {
         assert!(page.contains("4 of 4 scans placed"), "{page}");
-        // It joined rightly (support.parent_from_scan is as it was) and is off in the end; the other
+        // It joined rightly (evidence.parent_from_scan is as it was) and is off in the end; the other
         // three are right.
         let row = page
             .split("<th scope=\"row\" class=\"text\">")

@@ -1,4 +1,4 @@
-//! `scanweave fuse`, `sample` and `ground-truth` on a made-up walk with a depth camera.
+//! `scanweave fuse`, `sample` and `ground-truth` on a synthetic walk with a depth camera.
 
 mod cli_common;
 

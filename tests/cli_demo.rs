@@ -24,7 +24,7 @@ fn a_small_demo_succeeds_and_draws_its_result() {
 fn a_demo_that_misses_the_truth_says_so_and_fails() {
     // No inlier count suffices: everything is declined.
     scanweave()
-        .args(["demo", "--scans", "3", "--set", "registration.evidence.min_inliers=100000"])
+        .args(["demo", "--scans", "3", "--set", "registration.verification.min_inliers=100000"])
         .assert()
         .code(6)
         .stdout(contains("the demo FAILED").and(contains("WRONG")));

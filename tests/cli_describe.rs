@@ -7,8 +7,8 @@ use ndarray::Array2;
 use ndarray_npy::NpzReader;
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
-use scanweave::training::mini_spin_net::initial_weights;
-use scanweave::descriptor::mini_spin_net::{Architecture, Checkpoint, Meta};
+use scanweave::descriptor::mini_spin_net::{Architecture, Checkpoint, Meta, Weights};
+
 use std::fs::File;
 use std::path::{Path, PathBuf};
 

@@ -27,7 +27,7 @@ fn scans_features_checkpoints_and_results_tell_what_they_are() {
         contains("cloud_bin_2.ply")
             .and(contains("cloud_bin_2.npz"))
             .and(contains("placed     3 of 3 scans"))
-            .and(contains("preset default, method incremental, seed 5"))
+            .and(contains("preset default, method agglomerative, seed 5"))
             .and(contains("checksum right")),
     );
     let output = all.arg("--json").assert().success();

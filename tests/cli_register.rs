@@ -164,7 +164,10 @@ fn a_global_method_is_chosen_by_a_flag_and_says_what_it_needs() {
     let other = place.path().join("other");
     register(&scans, &other, &["--method", "magic"])
         .code(2)
-        .stderr(contains("`incremental`").and(contains("`pose-graph`")));
+        .stderr(contains("incremental").and(contains("pose-graph")));
+    register(&scans, &other, &["--method", "incremental"]).success();
+    assert_eq!(json(other.join("report.json"))["method"], "incremental");
+    std::fs::remove_file(other.join("poses.json")).unwrap();
     register(&scans, &other, &["--method", "lits"]).code(4).stderr(contains("synchronization.lits_weights"));
     register(&scans, &other, &["--set", "synchronization.neighbours=0"])
         .code(4)

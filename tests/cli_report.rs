@@ -43,7 +43,7 @@ fn a_result_gives_the_page_that_register_wrote_and_every_problem_is_named() {
     let first = data(&page);
     assert!(!text(&page).contains("<img"), "a name became an element");
 
-    // Names, verdicts and points are there: 16-bit coordinates of as many points as it says.
+    // Names, outcomes and points are there: 16-bit coordinates of as many points as it says.
     let entries = first["scans"].as_array().unwrap();
     assert!(entries.iter().any(|s| s["name"] == hostile.strip_suffix(".ply").unwrap()));
     assert_eq!(first["headline"], "All 3 scans placed in one model.");
@@ -185,7 +185,7 @@ fn a_result_whose_scans_are_gone_shows_its_merged_cloud_and_says_so() {
     // A voxel grid in another frame may join a few neighbours.
     assert!(shown <= model.len() && shown as f64 > 0.4 * model.len() as f64, "{shown} of {}", model.len());
 
-    // A cloud of another result is an error, and none at all leaves the verdicts.
+    // A cloud of another result is an error; without any cloud the outcomes remain.
     let ply = std::fs::read(result.join("merged.ply")).unwrap();
     let last = ply.len() - 4;
     let mut other = ply.clone();

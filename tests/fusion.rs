@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Vector3};
 use scanweave::fusion::{FusedSurface, FusionConfig, Volume};
-use scanweave::geometry::rigid::motion;
+use scanweave::geometry::motion;
 use scanweave::geometry::{Direction, Point, RigidMotion};
 use scanweave::synthetic::{Intrinsics, Primitive, Scene, Shape, render_depth};
 

@@ -1,8 +1,11 @@
-//! The global paradigm through the whole pipeline, on a made-up interior.
+//! The global paradigm through the whole pipeline, on a synthetic interior.
 
 use scanweave::config::Method;
-use scanweave::geometry::rigid::{rotation_error_rad, translation_error_m};
+use scanweave::geometry::{rotation_error_rad, translation_error_m};
 use scanweave::pipeline::{self, FeatureSource, PairCache, Run, run_with_pairs};
+use scanweave::registration::config::{
+    IncrementalConfig, InlierCountConfig, Ordering, Strategy, VerificationConfig,
+};
 use scanweave::scan::{DeclineReason, Outcome, ScanId};
 use scanweave::synchronization::GraphKind;
 use scanweave::synthetic::{SynthConfig, SyntheticSet, generate};
@@ -22,10 +25,14 @@ fn interior() -> SyntheticSet {
 fn config(method: Method, graph: GraphKind) -> Config {
     let mut config = Config { method, ..Config::default() };
     config.descriptor.keypoints.count = 1000;
-    config.registration.joint.enabled = false;
+    config.registration.strategy = Strategy::Incremental(IncrementalConfig {
+        ordering: Ordering::Inliers,
+        ..IncrementalConfig::default()
+    });
+    config.registration.multiview_icp.enabled = false;
     config.synchronization.graph = graph;
     // More than any wrong registration of this room has (18).
-    config.registration.evidence.min_inliers = 40;
+    config.registration.verification = VerificationConfig::InlierCount(InlierCountConfig { min_inliers: 40 });
     config
 }
 

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix6, Point3, Vector3};
 use proptest::prelude::*;
 use scanweave::geometry::RigidMotion;
-use scanweave::geometry::rigid::{rotation_error_rad, translation_error_m};
+use scanweave::geometry::{rotation_error_rad, translation_error_m};
 use scanweave::io::dataset::{read_benchmark, read_scene};
 use scanweave::io::features::{read_npz, read_sghr, write_npz};
 use scanweave::io::poses::*;

@@ -3,11 +3,11 @@
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use scanweave::geometry::rigid::{PointMover, rotation_error_rad, translation_error_m};
 use scanweave::geometry::{Direction, Point, RigidMotion};
-use scanweave::registration::RegistrationConfig;
+use scanweave::geometry::{PointMover, rotation_error_rad, translation_error_m};
+use scanweave::registration::EdgeRegistrar;
+use scanweave::registration::config::EstimatorConfig;
 use scanweave::registration::{Lengths, ScanInput};
-use scanweave::registration::pairwise::edge::Pairwise;
 use scanweave::scan::{DeclineReason, Descriptors, Features, ScanId, Surface};
 
 const LENGTHS: Lengths = Lengths { inlier_radius_m: 0.07, voxel_m: 0.025 };
@@ -40,8 +40,8 @@ fn half_overlapping_scans_are_brought_together() {
     let (a, b) = (scan(1, 0.0..0.7, &RigidMotion::identity()), scan(1, 0.3..1.0, &pose()));
     let none = Surface::default();
     let inputs = [&a, &b].map(|features| ScanInput { features, surface: &none });
-    let config = RegistrationConfig::default();
-    let pairwise = Pairwise::new(&inputs, &config, LENGTHS, 0);
+    let config = EstimatorConfig::default();
+    let pairwise = EdgeRegistrar::new(&inputs, &config, LENGTHS, 0);
     let found = pairwise.register(ScanId(0), ScanId(1));
     let (_, first_is_target) = pairwise.key(ScanId(0), ScanId(1));
     let a_from_b = if first_is_target { found } else { found.reversed() }.target_from_source;
@@ -62,7 +62,7 @@ fn half_overlapping_scans_are_brought_together() {
     // What the scans are called, and who is named first, means nothing.
     assert_eq!(pairwise.register(ScanId(1), ScanId(0)), found);
     let swapped = [inputs[1], inputs[0]];
-    let again = Pairwise::new(&swapped, &config, LENGTHS, 0);
+    let again = EdgeRegistrar::new(&swapped, &config, LENGTHS, 0);
     assert_eq!(again.register(ScanId(0), ScanId(1)), found);
     assert_eq!(again.key(ScanId(1), ScanId(0)), pairwise.key(ScanId(0), ScanId(1)));
 }
@@ -82,8 +82,8 @@ fn the_median_distance_is_that_of_the_surfaces_where_they_overlap() {
     };
     let (near, far) = (floor(40, 0.0), floor(120, 0.03));
     let inputs = [&near, &far].map(|surface| ScanInput { features: &features, surface });
-    let config = RegistrationConfig::default();
-    let found = Pairwise::new(&inputs, &config, LENGTHS, 0).register(ScanId(0), ScanId(1));
+    let config = EstimatorConfig::default();
+    let found = EdgeRegistrar::new(&inputs, &config, LENGTHS, 0).register(ScanId(0), ScanId(1));
     assert!(found.target_from_source.translation.vector.norm() < 1e-5);
     assert!((found.median_distance_m - 0.03).abs() < 1e-4, "{}", found.median_distance_m);
 }
@@ -93,8 +93,8 @@ fn strangers_have_next_to_nothing_in_common() {
     let (a, b) = (scan(3, 0.0..1.0, &RigidMotion::identity()), scan(4, 0.0..1.0, &pose()));
     let none = Surface::default();
     let inputs = [&a, &b].map(|features| ScanInput { features, surface: &none });
-    let config = RegistrationConfig::default();
-    let found = Pairwise::new(&inputs, &config, LENGTHS, 0).register(ScanId(0), ScanId(1));
+    let config = EstimatorConfig::default();
+    let found = EdgeRegistrar::new(&inputs, &config, LENGTHS, 0).register(ScanId(0), ScanId(1));
     assert!(found.inliers < 12, "{} of {} matches", found.inliers, found.matches);
 }
 
@@ -103,8 +103,8 @@ fn a_scan_of_two_keypoints_cannot_be_registered() {
     let (a, b) = (scan(5, 0.0..1.0, &RigidMotion::identity()), scan(5, 0.0..1.0, &pose()).select(&[0, 1]));
     let none = Surface::default();
     let inputs = [&a, &b].map(|features| ScanInput { features, surface: &none });
-    let config = RegistrationConfig::default();
-    let pairwise = Pairwise::new(&inputs, &config, LENGTHS, 0);
+    let config = EstimatorConfig::default();
+    let pairwise = EdgeRegistrar::new(&inputs, &config, LENGTHS, 0);
     assert_eq!(pairwise.unusable(ScanId(0)), None);
     assert!(matches!(
         pairwise.unusable(ScanId(1)),

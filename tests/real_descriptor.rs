@@ -1,18 +1,14 @@
 //! Scale and descriptors on real scans: run with the data folder in `SCANWEAVE_DATA`.
 
-use scanweave::descriptor::{self, DescriptorConfig, ScaleConfig, scale, surface};
+mod real_common;
+
+use real_common::data;
+use scanweave::descriptor::{self, DescriptorConfig};
 use scanweave::geometry::Point;
+use scanweave::preprocessing::ScaleConfig;
 use scanweave::scan::{PointCloud, Scan, ScanId};
 use std::path::PathBuf;
 use std::time::Instant;
-
-fn data() -> Option<PathBuf> {
-    let folder = std::env::var_os("SCANWEAVE_DATA").map(PathBuf::from);
-    if folder.is_none() {
-        eprintln!("SCANWEAVE_DATA is not set: nothing tested");
-    }
-    folder
-}
 
 /// The leading three columns (x y z, 4-byte floats) of rows after the line that starts with `end`.
 fn binary(path: PathBuf, end: &str, stride: usize) -> PointCloud {
@@ -40,15 +36,18 @@ fn ascii_ply(path: PathBuf) -> PointCloud {
 
 fn voxel_of(clouds: &[PointCloud], what: &str) -> f64 {
     let start = Instant::now();
-    let choice = scale::choose(&ScaleConfig::default(), &clouds.iter().collect::<Vec<_>>()).unwrap();
+    let choice =
+        scanweave::preprocessing::choose_scale(&ScaleConfig::default(), &clouds.iter().collect::<Vec<_>>())
+            .unwrap();
     eprintln!("{what}: {} scans, {} in {:.2?}", clouds.len(), choice.scale, start.elapsed());
     assert!(choice.warnings.is_empty(), "{what}: {:?}", choice.warnings);
     choice.scale.voxel_m
 }
 
 #[test]
+#[ignore = "needs the real scans that SCANWEAVE_DATA names"]
 fn objects_rooms_and_buildings_get_their_scale_without_a_flag() {
-    let Some(data) = data() else { return };
+    let data = data();
     let ply = |p: PathBuf| binary(p, "end_header\n", 12);
     let kitchen = data.join("3dmatch/7-scenes-redkitchen/PointCloud");
     let fragments: Vec<_> =
@@ -72,14 +71,15 @@ fn objects_rooms_and_buildings_get_their_scale_without_a_flag() {
 }
 
 #[test]
+#[ignore = "needs the real scans that SCANWEAVE_DATA names"]
 fn a_real_fragment_is_described_in_full_and_in_time() {
-    let Some(data) = data() else { return };
+    let data = data();
     let path = data.join("3dmatch/7-scenes-redkitchen/PointCloud/cloud_bin_0.ply");
     let cloud = binary(path.clone(), "end_header\n", 12);
     let scan = Scan { id: ScanId(0), name: "cloud_bin_0".into(), path: Some(path), cloud };
-    let scale = scan::WorkingScale::from_voxel(0.025);
+    let scale = scanweave::scan::WorkingScale::from_voxel(0.025);
     let start = Instant::now();
-    let surface = surface::thin(&scan.cloud, &scale);
+    let surface = scanweave::preprocessing::thin(&scan.cloud, &scale);
     let thinned = start.elapsed();
     let features = descriptor::describe(&scan, &surface, &scale, &DescriptorConfig::default(), 0).unwrap();
     eprintln!(

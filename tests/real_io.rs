@@ -3,19 +3,13 @@
 //! Expected counts, first and last points, and means were computed with other readers: plyfile 1.1 (PLY),
 //! pypcd4 (PCD), numpy.loadtxt (text, poses) and Pillow (PNG), means in double precision.
 
+mod real_common;
+
+use real_common::data;
 use scanweave::Silent;
 use scanweave::io::dataset::{read_benchmark, read_scene};
 use scanweave::io::{discover, read_cloud, read_scans, scan_files};
 use scanweave::scan::PointCloud;
-use std::path::PathBuf;
-
-fn data() -> Option<PathBuf> {
-    let folder = std::env::var_os("SCANWEAVE_DATA").map(PathBuf::from);
-    if folder.is_none() {
-        eprintln!("SCANWEAVE_DATA is not set: nothing was tested");
-    }
-    folder
-}
 
 struct Expected {
     rows: usize,
@@ -42,8 +36,9 @@ fn check(cloud: &PointCloud, e: &Expected) {
 }
 
 #[test]
+#[ignore = "needs the real scans that SCANWEAVE_DATA names"]
 fn clouds_of_every_kind() {
-    let Some(data) = data() else { return };
+    let data = data();
     let cases = [
         (
             "bunny/bun000.ply",
@@ -166,8 +161,9 @@ fn clouds_of_every_kind() {
 }
 
 #[test]
+#[ignore = "needs the real scans that SCANWEAVE_DATA names"]
 fn scenes_and_their_truth() {
-    let Some(data) = data() else { return };
+    let data = data();
     // Folder, scans, with truth.
     let scenes = [
         ("bunny", 10, true),
@@ -215,8 +211,9 @@ fn scenes_and_their_truth() {
 }
 
 #[test]
+#[ignore = "needs the real scans that SCANWEAVE_DATA names"]
 fn true_poses_bring_the_bunny_together() {
-    let Some(data) = data() else { return };
+    let data = data();
     let scene = read_scene(data.join("bunny")).unwrap();
     let truth = scene.world_from_scan.unwrap().value;
     let scans = read_scans(&scene.scans, &Silent).unwrap();
@@ -224,7 +221,7 @@ fn true_poses_bring_the_bunny_together() {
     let (a, b) = (at("bun000"), at("bun045"));
     let b_from_a = truth[b].inverse() * truth[a];
     let index = scanweave::geometry::PointIndex::new(&scans[b].cloud.points);
-    let mover = scanweave::geometry::rigid::PointMover::new(&b_from_a);
+    let mover = scanweave::geometry::PointMover::new(&b_from_a);
     let near = scans[a]
         .cloud
         .points
@@ -236,8 +233,9 @@ fn true_poses_bring_the_bunny_together() {
 }
 
 #[test]
+#[ignore = "needs the real scans that SCANWEAVE_DATA names"]
 fn folders_hold_only_scans() {
-    let Some(data) = data() else { return };
+    let data = data();
     let bunny = discover(&[data.join("bunny").display().to_string()]).unwrap();
     assert_eq!(bunny.len(), 10);
     assert!(bunny.iter().all(|p| p.extension().is_some_and(|e| e == "ply")));

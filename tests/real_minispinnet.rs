@@ -1,28 +1,21 @@
 //! MiniSpinNet with the published weights against reference values, on real patches.
 //!
-//! `SCANWEAVE_DATA` names the data folder; `reference/` and `weights/` lie beside it.
+//! `reference/` and `weights/` lie beside the folder that `SCANWEAVE_DATA` names.
+
+mod real_common;
 
 use ndarray::{Array1, Array2, Array3};
 use ndarray_npy::NpzReader;
+use real_common::beside_data;
 use scanweave::descriptor::mini_spin_net::{Network, Patch, Workspace};
 use scanweave::weight_import::mini_spin_net::buffer;
 use std::fs::File;
-use std::path::PathBuf;
-
-fn beside_data(path: &str) -> Option<PathBuf> {
-    let Some(data) = std::env::var_os("SCANWEAVE_DATA") else {
-        eprintln!("skipped: SCANWEAVE_DATA is not set");
-        return None;
-    };
-    let found = PathBuf::from(data).join("..").join(path);
-    assert!(found.exists(), "{} is missing", found.display());
-    Some(found)
-}
 
 #[test]
+#[ignore = "needs the real scans that SCANWEAVE_DATA names"]
 fn descriptors_of_the_published_weights_equal_the_reference() {
-    let Some(reference) = beside_data("reference/minispinnet.npz") else { return };
-    let Some(weights) = beside_data("weights/buffer/threedmatch_desc.pth") else { return };
+    let reference = beside_data("reference/minispinnet.npz");
+    let weights = beside_data("weights/buffer/threedmatch_desc.pth");
     let mut npz = NpzReader::new(File::open(reference).unwrap()).unwrap();
     let points: Array3<f32> = npz.by_name("patches.npy").unwrap();
     let counts: Array1<i32> = npz.by_name("counts.npy").unwrap();

@@ -1,4 +1,4 @@
-//! The incremental registration on made-up worlds whose truth is known exactly.
+//! The incremental strategy on synthetic worlds whose truth is known exactly.
 //!
 //! A world is a set of random points, each with its own random descriptor; a scan is the
 //! part of it inside a window, in a random frame, with 5 mm noise on points and a little
@@ -7,9 +7,12 @@
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use scanweave::geometry::rigid::{rotation_error_rad, translation_error_m};
 use scanweave::geometry::{Direction, Point, RigidMotion};
-use scanweave::registration::config::{EstimatorKind, MergeRule, Ordering, RegistrationConfig, Strategy};
+use scanweave::geometry::{rotation_error_rad, translation_error_m};
+use scanweave::registration::config::{
+    EstimatorConfig, IncrementalConfig, InlierCountConfig, MergeRule, Ordering, RansacConfig,
+    RegistrationConfig, Strategy, VerificationConfig,
+};
 use scanweave::registration::{Lengths, ScanInput, register};
 use scanweave::scan::{
     DeclineReason, Descriptors, Features, Outcome, Reconstruction, ScanId, SimilarityMatrix, Surface,
@@ -106,37 +109,48 @@ impl World {
     }
 }
 
-fn without_joint_refinement() -> RegistrationConfig {
-    // The made-up worlds are volumes of random points: they have no surface to refine on.
-    let mut config = RegistrationConfig { strategy: Strategy::Grow, ..RegistrationConfig::default() };
-    config.joint.enabled = false;
-    config.evidence.surfaces = false;
-    config.evidence.min_inliers = 12;
+/// The paper's method: worlds of random points have no surface to verify or refine on.
+fn paper(settings: IncrementalConfig) -> RegistrationConfig {
+    let mut config = RegistrationConfig {
+        strategy: Strategy::Incremental(settings),
+        verification: VerificationConfig::InlierCount(InlierCountConfig { min_inliers: 12 }),
+        ..RegistrationConfig::default()
+    };
+    config.multiview_icp.enabled = false;
     config
 }
 
+fn by_inliers() -> IncrementalConfig {
+    IncrementalConfig { ordering: Ordering::Inliers, ..IncrementalConfig::default() }
+}
+
+/// Every ablation of Li et al. 2025, table 4, but (c), which needs surfaces.
 #[test]
 fn a_strip_is_registered_under_every_ablation() {
     let mut world = World::empty();
     world.add_strip(6, 1);
-    let base = without_joint_refinement();
-    let mut ransac = base.clone();
-    ransac.estimator.kind = EstimatorKind::Ransac;
-    ransac.estimator.hypotheses = 1000;
-    let mut variants = vec![base.clone(), ransac];
-    variants.push(RegistrationConfig { semantic: false, ..base.clone() });
-    variants.push(RegistrationConfig { ordering: Ordering::Overlap, ..base.clone() });
-    for merge in [MergeRule::Concatenate, MergeRule::Mean] {
-        variants.push(RegistrationConfig { merge, ..base.clone() });
-    }
-    let mut plain = base;
-    plain.averaging.enabled = false;
-    variants.push(plain);
+    let mut ransac = paper(by_inliers());
+    ransac.estimator = EstimatorConfig::Ransac(RansacConfig::default());
+    let a = IncrementalConfig { semantic: false, ..by_inliers() };
+    let b = IncrementalConfig { ordering: Ordering::Similarity, ..by_inliers() };
+    let mut d = by_inliers();
+    d.averaging.enabled = false;
+    let [e, f] =
+        [MergeRule::Concatenate, MergeRule::Mean].map(|merge| IncrementalConfig { merge, ..by_inliers() });
+    let variants = [paper(by_inliers()), ransac].into_iter().chain([a, d, e, f].map(paper));
     for config in variants {
         let result = world.register(&config, 7);
         assert_eq!((result.placed(), result.components()), (6, 1), "{config:?}");
         world.assert_relative_poses(&result, 0..6);
     }
+    // Without the geometric stage similarity alone orders the scans: it must know who overlaps.
+    let n = world.features.len();
+    let near = |i: usize, j: usize| 1.0 / (1.0 + i.abs_diff(j) as f32);
+    let values = (0..n * n).map(|k| near(k / n, k % n)).collect();
+    let similarity = SimilarityMatrix::new(n, values).unwrap();
+    let result = register(&world.inputs(), &similarity, &paper(b), LENGTHS, 7, &Silent).unwrap();
+    assert_eq!((result.placed(), result.components()), (6, 1));
+    world.assert_relative_poses(&result, 0..6);
 }
 
 #[test]
@@ -144,7 +158,7 @@ fn scans_that_only_fit_each_other_form_their_own_component() {
     let mut world = World::empty();
     world.add_strip(4, 1);
     world.add_strip(3, 2);
-    let result = world.register(&without_joint_refinement(), 7);
+    let result = world.register(&paper(by_inliers()), 7);
     assert_eq!((result.placed(), result.components()), (7, 2));
     world.assert_relative_poses(&result, 0..4);
     world.assert_relative_poses(&result, 4..7);
@@ -159,7 +173,7 @@ fn a_scan_that_fits_nothing_is_declined_with_its_best_attempt() {
     let mut world = World::empty();
     world.add_strip(4, 1);
     world.add_strip(1, 2);
-    let result = world.register(&without_joint_refinement(), 7);
+    let result = world.register(&paper(by_inliers()), 7);
     assert_eq!(result.placed(), 4);
     match &result.outcomes[4] {
         Outcome::Declined(DeclineReason::TooFewInliers { inliers, needed, matches }) => {
@@ -176,7 +190,7 @@ fn an_empty_scan_is_declined_and_the_others_are_placed() {
     world.features.push(Features::new(vec![], None, Descriptors::new(DIM, vec![]).unwrap()).unwrap());
     world.surfaces.push(Surface::default());
     world.world_from_scan.push(RigidMotion::identity());
-    let result = world.register(&without_joint_refinement(), 7);
+    let result = world.register(&paper(by_inliers()), 7);
     assert_eq!(result.placed(), 3);
     assert_eq!(
         result.outcomes[3],
@@ -188,7 +202,7 @@ fn an_empty_scan_is_declined_and_the_others_are_placed() {
 fn the_evidence_of_a_placement_adds_up() {
     let mut world = World::empty();
     world.add_strip(5, 3);
-    let result = world.register(&without_joint_refinement(), 7);
+    let result = world.register(&paper(by_inliers()), 7);
     let mut steps: Vec<usize> = Vec::new();
     for outcome in &result.outcomes {
         let p = outcome.placement().unwrap();
@@ -215,7 +229,7 @@ fn one_thread_and_two_give_the_same_bits() {
     world.add_strip(6, 5);
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| world.register(&without_joint_refinement(), 11))
+        pool.install(|| world.register(&paper(by_inliers()), 11))
     };
     assert_eq!(run(1), run(2));
 }
@@ -229,7 +243,7 @@ fn the_order_of_the_input_does_not_decide_what_is_placed() {
     turned.features.reverse();
     turned.surfaces.reverse();
     turned.world_from_scan.reverse();
-    let result = turned.register(&without_joint_refinement(), 7);
+    let result = turned.register(&paper(by_inliers()), 7);
     assert_eq!(result.placed(), 5);
     turned.assert_relative_poses(&result, 0..5);
 }

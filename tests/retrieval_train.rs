@@ -5,11 +5,11 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use scanweave::geometry::{Point, RigidMotion};
+use scanweave::retrieval::{Checkpoint, DescriptorTag, RetrievalConfig, similarity_of};
+use scanweave::scan::{Descriptors, Features};
 use scanweave::training::overlap_head::{
     CentroidStart, Record, TrainConfig, TrainReport, TrainingData, TrainingScene, train,
 };
-use scanweave::retrieval::{Checkpoint, DescriptorTag, RetrievalConfig, similarity_of};
-use scanweave::scan::{Descriptors, Features};
 use scanweave::{Monitor, Silent};
 use std::f32::consts::TAU;
 use std::path::Path;

@@ -6,7 +6,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use scanweave::Silent;
 use scanweave::geometry::RigidMotion;
-use scanweave::geometry::rigid::{rotation_error_rad, translation_error_m};
+use scanweave::geometry::{rotation_error_rad, translation_error_m};
 use scanweave::scan::{DeclineReason, Outcome, PoseEdge, PoseGraph, Reconstruction, ScanId};
 use scanweave::synchronization::{Method, synchronize};
 use scanweave::synthetic::pose_graph::{KnownPoseGraph, PoseGraphConfig};

@@ -1,14 +1,14 @@
 //! One cell of a table: a scene registered by one method, with one number of keypoints and one
 //! seed, and everything that came of it.
 
-use crate::error::{Error, Result};
+use crate::atomic;
 use crate::evaluation::dataset::SceneReport;
 use crate::evaluation::diagnosis::Diagnosis;
 use crate::evaluation::protocol::Protocol;
-use crate::io::atomic;
+use crate::evaluation::retrieval_scores::RetrievalScores;
 use crate::result::poses::Document;
 use crate::result::run::StageTime;
-use crate::evaluation::retrieval_scores::RetrievalScores;
+use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -102,7 +102,7 @@ pub struct Cell {
     pub overlap_head: String,
     /// Protocol of every benchmark, by name.
     pub benchmarks: BTreeMap<String, Protocol>,
-    /// Figures by all protocols, with the verdict on every pair.
+    /// Figures by all protocols, with the outcome on every pair.
     pub report: SceneReport,
     /// True overlap of each pair of `report.recalls`, by benchmark, where known: as published in
     /// gt_overlap.log, else as computed from the poses.
@@ -120,7 +120,7 @@ pub struct Cell {
     pub peak_memory_bytes: Option<u64>,
     /// Of what.
     pub peak_memory_of: PeakOf,
-    /// The verdict on every scan: step, parent, evidence and pose.
+    /// The outcome on every scan: step, parent, evidence and pose.
     pub poses: Document,
 }
 

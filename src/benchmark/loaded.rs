@@ -2,18 +2,18 @@
 
 use super::plan::{PlannedScene, SceneSource, benchmarks, features_folder};
 use super::suite::{DataSet, Suite};
+use crate::Monitor;
+use crate::Result;
 use crate::config::Config;
-use crate::error::Result;
 use crate::evaluation::diagnosis::{Case, Diagnosis};
 use crate::evaluation::ground_truth::{LO_MATCH_OVERLAP, MATCH_OVERLAP, overlap_matrix, truth_of_pairs};
 use crate::evaluation::moments::Moments;
 use crate::evaluation::protocol::Protocol;
 use crate::evaluation::recall::{PairRecall, RecallReport};
 use crate::evaluation::scene::{ScenePairs, SceneTruth};
-use crate::geometry::voxel::voxel_means;
+use crate::geometry::voxel_means;
 use crate::geometry::{Point, RigidMotion};
 use crate::io;
-use crate::monitor::Monitor;
 use crate::pipeline::{self, Described, FeatureSource, PairCache, Stopwatch};
 use crate::result::run::StageTime;
 use crate::scan::{Features, Reconstruction, Scan, SimilarityMatrix};

@@ -7,12 +7,12 @@ use super::plan::Plan;
 use super::plots;
 use super::suite::Suite;
 use super::table::{Cost, ErrorRow, RecallRow, Spread, Table};
-use crate::error::Result;
+use crate::Result;
+use crate::atomic;
 use crate::evaluation::pose_error::{ROTATION_THRESHOLDS_DEG, TRANSLATION_THRESHOLDS_M};
-use crate::io::atomic;
+use crate::evaluation::retrieval_scores::RetrievalScores;
 use crate::report::chart;
 use crate::report::grid::csv;
-use crate::evaluation::retrieval_scores::RetrievalScores;
 use std::io::Write;
 use std::path::Path;
 

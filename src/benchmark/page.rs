@@ -4,7 +4,7 @@ use super::cell::Cell;
 use super::markdown;
 use super::plan::Plan;
 use super::table::{RecallRow, Table};
-use crate::error::Result;
+use crate::Result;
 use crate::evaluation::diagnosis::{Cause, Diagnosis};
 use crate::report::chart::Panel;
 use crate::report::grid::{Grid, heads};

@@ -2,12 +2,12 @@
 
 use super::cell::{self, CellKey};
 use super::suite::{DataSet, Method, SimilarityChoice, Suite};
+use crate::Monitor;
 use crate::config::Config;
-use crate::error::{Error, Result};
 use crate::evaluation::protocol::Protocol;
 use crate::evaluation::scene::{Benchmark, find_scenes};
 use crate::io::scan_files;
-use crate::monitor::Monitor;
+use crate::{Error, Result};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -2,9 +2,9 @@
 
 use crate::config::{Config, Layers};
 use crate::descriptor::DescriptorKind;
-use crate::error::{Error, Result};
 use crate::evaluation::protocol::Protocol;
 use crate::synthetic::SynthConfig;
+use crate::{Error, Result};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -30,7 +30,7 @@ pub struct Suite {
     pub datasets: Vec<DataSet>,
     /// How.
     pub methods: Vec<Method>,
-    /// Published figures to stand beside ours.
+    /// Published results, shown for comparison.
     pub quoted: Vec<Quoted>,
 }
 
@@ -295,6 +295,7 @@ fn distinct<S: AsRef<str>>(key: &str, names: impl Iterator<Item = S>) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::registration::config::{MergeRule, Strategy};
 
     #[test]
     fn the_suites_that_come_with_the_program_are_valid_and_survive_their_own_text() {
@@ -315,12 +316,16 @@ mod tests {
     #[test]
     fn a_method_is_its_preset_with_its_settings() {
         let method: Method =
-            toml::from_str("name = \"x\"\npreset = \"paper\"\nset = [\"registration.merge=mean\"]").unwrap();
+            toml::from_str("name = \"x\"\npreset = \"paper\"\nset = [\"registration.strategy.merge=mean\"]")
+                .unwrap();
         let config = method.config(7, 300).unwrap();
         let mut expected = Config::preset("paper").unwrap();
         expected.seed = 7;
         expected.descriptor.keypoints.count = 300;
-        expected.registration.merge = crate::registration::config::MergeRule::Mean;
+        let Strategy::Incremental(strategy) = &mut expected.registration.strategy else {
+            panic!("the paper grows one meta-shape");
+        };
+        strategy.merge = MergeRule::Mean;
         assert_eq!(config, expected);
         let given = DataSet { features: Some("f/{scene}".to_owned()), ..DataSet::default() };
         let kind = method.config_for(&given, 7, 300).unwrap().descriptor.kind;

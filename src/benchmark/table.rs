@@ -6,7 +6,7 @@ use super::plan::Plan;
 use super::run::cells_folder;
 use super::suite::Suite;
 use super::trust::Reliability;
-use crate::error::Result;
+use crate::Result;
 use crate::evaluation::pose_error::ErrorDistribution;
 use crate::evaluation::protocol::Protocol;
 use serde::Serialize;
@@ -118,7 +118,7 @@ pub struct CauseRow {
     pub carried: f64,
 }
 
-/// How far stated probabilities can be believed, by one method with one number of keypoints.
+/// Reliability of the probabilities stated by one method with one number of keypoints.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TrustRow {
     /// Data set.

@@ -1,5 +1,5 @@
-//! Whether stated probabilities can be believed: placed scans by what was said of them and what
-//! is true of them.
+//! Reliability of stated probabilities: placed scans by stated probability, and the share of them
+//! that is right.
 
 use serde::Serialize;
 

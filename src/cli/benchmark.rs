@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 ///
 /// A suite (TOML, see configs/suites/) names data sets, methods, keypoint counts and seeds. Every
 /// combination with a scene is a cell; its result is one file in OUTPUT/cells, features are kept
-/// in OUTPUT/cache. Cells that are there and still hold are not computed again, so that a run
+/// in OUTPUT/cache. Cells that exist and are still valid are not computed again, so that a run
 /// stopped at any moment goes on when it is started again. Writes table.md, table.csv, table.json,
 /// cells.csv, plots and report.html, a page with all of them for any browser.
 ///

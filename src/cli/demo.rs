@@ -8,8 +8,8 @@ use super::{Status, Verbosity, outcome, terminal};
 use clap::Args;
 use scanweave::evaluation::pose_error::PoseError;
 use scanweave::pipeline::{self, FeatureSource, Stopwatch};
-use scanweave::result::merged::MergedCloud;
 use scanweave::report::top_view;
+use scanweave::result::merged::MergedCloud;
 use scanweave::result::{self, run};
 use scanweave::scan::{Reconstruction, ScanId};
 use scanweave::synthetic::{self, SyntheticSet};
@@ -21,7 +21,7 @@ use std::path::PathBuf;
 const MAX_ERROR_M: f64 = 0.15;
 const MAX_ERROR_DEG: f64 = 3.0;
 
-/// Register a made-up interior and compare with the truth; needs no input.
+/// Register a synthetic interior and compare with the truth; needs no input.
 ///
 /// Takes scans in furnished rooms with a simulated depth camera, forgets their order and
 /// poses, registers them, and compares every pose with the true one. Exits with 6 when a
@@ -62,19 +62,19 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
     let run = pipeline::run(&set.scans, &config, &FeatureSource::Computed, &progress)?;
 
     let poses = result::poses::Document::new(&set.scans, &run.reconstruction);
-    let verdicts = compare(&set, &run.reconstruction);
-    let wrong = verdicts.iter().filter(|v| !v.right).count();
+    let comparisons = compare(&set, &run.reconstruction);
+    let wrong = comparisons.iter().filter(|v| !v.right).count();
     if !verbosity.quiet {
-        terminal::print(&verdict_table(&run::rows(&poses), &verdicts))?;
+        terminal::print(&comparison_table(&run::rows(&poses), &comparisons))?;
         clock.stages.extend(run.timings.iter().cloned());
         let seconds: f64 = clock.stages.iter().map(|t| t.seconds).sum();
-        let verdict = if wrong == 0 {
+        let summary = if wrong == 0 {
             "the demo succeeded".to_owned()
         } else {
             format!("the demo FAILED: {wrong} wrong")
         };
         terminal::print_line(&format!(
-            "\n{verdict}: {} scans, {} in the largest component, within {:.0} cm and {MAX_ERROR_DEG}° of the truth \
+            "\n{summary}: {} scans, {} in the largest component, within {:.0} cm and {MAX_ERROR_DEG}° of the truth \
              ({seconds:.1} s)",
             set.scans.len(),
             poses.components.first().map_or(0, |c| c.scans.len()),
@@ -94,7 +94,7 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
 }
 
 /// How a scan compares with the truth.
-struct TruthVerdict {
+struct TruthComparison {
     /// Rotation (degrees) and translation (metres) error relative to the largest component's pivot.
     error: Option<(f64, f64)>,
     right: bool,
@@ -102,28 +102,28 @@ struct TruthVerdict {
 
 /// Scans of the building must be in the largest component at their true relative pose, all
 /// others must not.
-fn compare(set: &SyntheticSet, reconstruction: &Reconstruction) -> Vec<TruthVerdict> {
+fn compare(set: &SyntheticSet, reconstruction: &Reconstruction) -> Vec<TruthComparison> {
     let in_largest = |i: usize| reconstruction.outcomes[i].placement().filter(|p| p.component == 0);
     let pivot = (0..set.scans.len()).find(|&i| in_largest(i).is_some_and(|p| p.parent.is_none()));
-    let verdict = |i: usize| {
+    let compared = |i: usize| {
         let Some(pivot) = pivot.filter(|_| in_largest(i).is_some()) else {
-            return TruthVerdict { error: None, right: set.building[i] != 0 };
+            return TruthComparison { error: None, right: set.building[i] != 0 };
         };
         if set.building[i] != set.building[pivot] {
-            return TruthVerdict { error: None, right: false };
+            return TruthComparison { error: None, right: false };
         }
         let truth = set.world_from_scan[pivot].inverse() * set.world_from_scan[i];
         let Some(estimate) = reconstruction.relative(ScanId(pivot), ScanId(i)) else {
-            return TruthVerdict { error: None, right: false };
+            return TruthComparison { error: None, right: false };
         };
         let e = PoseError::between(&estimate, &truth);
         let right = e.rotation_deg <= MAX_ERROR_DEG && e.translation_m <= MAX_ERROR_M && set.building[i] == 0;
-        TruthVerdict { error: Some((e.rotation_deg, e.translation_m)), right }
+        TruthComparison { error: Some((e.rotation_deg, e.translation_m)), right }
     };
-    (0..set.scans.len()).map(verdict).collect()
+    (0..set.scans.len()).map(compared).collect()
 }
 
-fn verdict_table(rows: &[run::Row], verdicts: &[TruthVerdict]) -> String {
-    let errors: Vec<(Option<(f64, f64)>, bool)> = verdicts.iter().map(|v| (v.error, v.right)).collect();
+fn comparison_table(rows: &[run::Row], comparisons: &[TruthComparison]) -> String {
+    let errors: Vec<(Option<(f64, f64)>, bool)> = comparisons.iter().map(|v| (v.error, v.right)).collect();
     report::table::against_truth(rows, &errors, outcome::width())
 }

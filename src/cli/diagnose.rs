@@ -12,7 +12,7 @@ use scanweave::evaluation::protocol::Protocol;
 use scanweave::evaluation::recall::RecallReport;
 use scanweave::evaluation::scene::{Benchmark, SceneTruth};
 use scanweave::geometry::Point;
-use scanweave::geometry::voxel::voxel_means;
+use scanweave::geometry::voxel_means;
 use scanweave::report::growth_tree;
 use scanweave::result::poses::Document;
 use scanweave::scan::Reconstruction;
@@ -39,7 +39,7 @@ pub struct Arguments {
     #[arg(long, value_name = "SCENE")]
     truth: Option<PathBuf>,
     /// Folder with gt.log and gt.info. Without one, the pairs that truly overlap by more than 0.3
-    /// are looked at.
+    /// are examined.
     #[arg(long, value_name = "DIR", requires = "truth")]
     benchmark: Option<PathBuf>,
     /// How that benchmark counts: 3dmatch, 3dlomatch or eth.
@@ -49,7 +49,7 @@ pub struct Arguments {
     /// Distance within which points count as common, metres.
     #[arg(long, value_name = "M", default_value_t = 0.07)]
     overlap_radius: f64,
-    /// Folder for tables and the picture of the growth.
+    /// Folder for tables and the picture of the tree of joins.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
 }

@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 /// <scene>/trajectory.tum (or <scene>.log, .txt, .tum). Prints the figures of every protocol for
 /// each scene, their mean, and all pairs pooled.
 ///
-/// With --report writes all that, and why pairs failed, into a page to look at.
+/// With --report writes all that, and why pairs failed, into an HTML page.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Output folder of `register`, or a folder with one result a scene.
@@ -57,7 +57,7 @@ pub struct Arguments {
     /// Leave out the first counted pair of a scene, as a published evaluator does by mistake.
     #[arg(long)]
     reference_quirks: bool,
-    /// Also write a page to look at: recall, errors, and which scan went wrong first. One HTML file
+    /// Also write an HTML page: recall, errors, and which scan went wrong first. One HTML file
     /// for any browser, without a network.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,

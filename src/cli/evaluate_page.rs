@@ -7,8 +7,8 @@ use scanweave::evaluation::estimate::SceneEstimate;
 use scanweave::evaluation::pose_error::{PoseReport, evaluate_against_truth};
 use scanweave::evaluation::recall::{RecallReport, RecallSummary};
 use scanweave::evaluation::scene::SceneTruth;
-use scanweave::result::poses::{Document, Verdict};
 use scanweave::report::sheet::{Evaluation, SceneSheet, evaluation};
+use scanweave::result::poses::{Document, EntryOutcome};
 use scanweave::{Error, io};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
@@ -45,9 +45,9 @@ pub fn of_result(
 ) -> Result<Vec<SceneSheet>, Error> {
     let truth = SceneTruth::read(folder, &[])?;
     let recalls = by_short_name(result.recalls, &truth.name);
-    let declined = result.document.scans.iter().filter_map(|entry| match &entry.verdict {
-        Verdict::Placed(_) => None,
-        Verdict::Declined { explanation, .. } => {
+    let declined = result.document.scans.iter().filter_map(|entry| match &entry.outcome {
+        EntryOutcome::Placed(_) => None,
+        EntryOutcome::Declined { explanation, .. } => {
             Some(Declined { scan: entry.name.clone(), reason: explanation.clone() })
         }
     });

@@ -10,7 +10,7 @@ use scanweave::config::Config;
 use scanweave::evaluation::ground_truth::overlap_matrix;
 use scanweave::evaluation::retrieval::{RetrievalReport, retrieval_scores};
 use scanweave::geometry::Point;
-use scanweave::geometry::voxel::voxel_means;
+use scanweave::geometry::voxel_means;
 use scanweave::pipeline::{self, FeatureSource};
 use scanweave::retrieval::{RetrievalConfig, SimilaritySource, similarity_of};
 use scanweave::scan::{Features, SimilarityMatrix};

@@ -19,7 +19,7 @@ pub struct Job<'a> {
     pub results: &'a Path,
     /// Folder of the scenes, or the root around it.
     pub dataset: &'a Path,
-    /// Scenes to look at; all where none is named.
+    /// Scenes to evaluate; all where none is named.
     pub scenes: &'a [String],
     /// How.
     pub protocols: &'a [Protocol],

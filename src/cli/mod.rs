@@ -34,10 +34,10 @@ pub use status::Status;
 
 use clap::{Args, Parser, Subcommand};
 
-/// Register an unordered pile of partially overlapping 3-D scans into one model.
+/// Register an unordered collection of partially overlapping 3-D scans into one model.
 ///
-/// Scans go in, in any order and any number; every scan comes out either with a pose
-/// and the evidence for it or with the reason why it has none.
+/// Takes any number of scans in any order. Every scan is either placed, with a pose and the
+/// evidence for it, or declined, with the reason why.
 #[derive(Debug, Parser)]
 #[command(name = "scanweave", version, max_term_width = 100, after_help = status::HELP)]
 pub struct Cli {

@@ -17,7 +17,7 @@ pub struct SettingOptions {
     /// TOML file laid over the preset; an unknown key is an error.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// One setting laid over both, as in registration.shortlist=5; may be repeated.
+    /// One setting laid over both, as in scale.voxel_m=0.05; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub assignments: Vec<String>,
     /// Seed of all randomness.
@@ -28,12 +28,17 @@ pub struct SettingOptions {
 impl SettingOptions {
     /// The effective settings, checked.
     pub fn config(&self) -> scanweave::Result<Config> {
+        self.config_with(&[])
+    }
+
+    /// The effective settings with those of other flags, as key=value, laid on top.
+    pub fn config_with(&self, flags: &[String]) -> scanweave::Result<Config> {
         let mut layers = Layers::new::<Config>();
         layers.add_preset(&self.preset)?;
         if let Some(path) = &self.config {
             layers.add_file(path)?;
         }
-        for assignment in &self.assignments {
+        for assignment in self.assignments.iter().chain(flags) {
             layers.add_assignment(assignment)?;
         }
         if let Some(seed) = self.seed {

@@ -1,14 +1,14 @@
 //! What is said about a finished registration.
 
 use super::Status;
-use scanweave::preprocessing::ScaleWarning;
 use scanweave::pipeline::Run;
-use scanweave::result::run::RunReport;
+use scanweave::preprocessing::ScaleWarning;
 use scanweave::report::table;
+use scanweave::result::run::RunReport;
 use scanweave::scan::{Reconstruction, Scan};
 use std::io::IsTerminal;
 
-/// Width where nobody looks on (a file, a pipe).
+/// Width where output is not a terminal (a file, a pipe).
 const PIPE_WIDTH: u16 = 120;
 
 /// Logs what the stages found odd about the scans.

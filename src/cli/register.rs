@@ -41,10 +41,10 @@ pub struct Arguments {
     /// Trained overlap head; the same as retrieval.checkpoint.
     #[arg(long, value_name = "FILE")]
     checkpoint: Option<PathBuf>,
-    /// How scans are registered: scan by scan, or all pairs first and then all poses at once; the
-    /// same as the setting method.
-    #[arg(long, value_name = "NAME", value_parser = word::<Method>)]
-    method: Option<Method>,
+    /// How scans are registered: agglomerative or incremental, or all pairs first and then all poses
+    /// at once (eigse3, l1-irls, rotavg, lits, hara, sghr, pose-graph).
+    #[arg(long, value_name = "NAME", value_parser = method)]
+    method: Option<MethodChoice>,
     /// Pairs that a global method registers: full, pruned or sparse; the same as
     /// synchronization.graph.
     #[arg(long, value_name = "KIND", value_parser = word::<GraphKind>)]
@@ -90,16 +90,28 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
     Ok(outcome::status(&run.reconstruction))
 }
 
+/// A method as the settings that choose it, key=value.
+#[derive(Debug, Clone)]
+struct MethodChoice(Vec<String>);
+
+fn method(name: &str) -> Result<MethodChoice, String> {
+    const NAMES: &str =
+        "expected agglomerative, incremental, eigse3, l1-irls, rotavg, lits, hara, sghr or pose-graph";
+    let settings = match name {
+        "agglomerative" | "incremental" => {
+            vec!["method=multiview".to_owned(), format!("registration.strategy.kind={name}")]
+        }
+        _ => vec![format!("method={}", word::<Method>(name).map_err(|_| NAMES.to_owned())?)],
+    };
+    Ok(MethodChoice(settings))
+}
+
 fn effective_config(arguments: &Arguments) -> scanweave::Result<Config> {
-    let mut config = arguments.settings.config()?;
+    let graph = arguments.graph.map(|graph| format!("synchronization.graph={graph}"));
+    let flags: Vec<String> = arguments.method.iter().flat_map(|m| m.0.clone()).chain(graph).collect();
+    let mut config = arguments.settings.config_with(&flags)?;
     if let Some(checkpoint) = &arguments.checkpoint {
         config.retrieval.checkpoint = Some(checkpoint.clone());
-    }
-    if let Some(method) = arguments.method {
-        config.method = method;
-    }
-    if let Some(graph) = arguments.graph {
-        config.synchronization.graph = graph;
     }
     match (&arguments.features, config.descriptor.kind) {
         (Some(_), _) => config.descriptor.kind = DescriptorKind::Precomputed,

@@ -7,12 +7,11 @@ use super::result_folder::{CONFIG, OVERLAP, PAGE, POSES, REPORT, merged_files};
 use super::{Status, Verbosity, terminal};
 use clap::Args;
 use rayon::prelude::*;
-use scanweave::preprocessing::surface;
 use scanweave::geometry::Point;
+use scanweave::report::html;
 use scanweave::report::html::PointSource;
 use scanweave::result::poses::Document;
 use scanweave::result::run::RunReport;
-use scanweave::report::html;
 use scanweave::result::{merged, overlaps};
 use scanweave::scan::{PointCloud, Reconstruction, Surface};
 use scanweave::{Error, Monitor, io};
@@ -64,7 +63,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     let progress = Progress::start(verbosity)?;
     let (clouds, sources) = clouds(arguments, &poses, &reconstruction, &progress)?;
     let surface = |(cloud, source): (&PointCloud, &PointSource)| match source {
-        PointSource::Scan => surface::thin(cloud, &report.scale),
+        PointSource::Scan => scanweave::preprocessing::thin(cloud, &report.scale),
         // A mean over scans lies closer to each of them than the scans to each other.
         PointSource::Merged => Surface::default(),
     };

@@ -189,7 +189,7 @@ fn report(scans: &[Scan], run: &Run, config: &Config, poses: &Document, clock: S
         threads: rayon::current_num_threads(),
         scale: run.scale,
         overlap_head: run.head.to_string(),
-        method: config.method.to_string(),
+        method: config.method_name(),
         registered_pairs: run.pose_graph.as_ref().map(|g| g.registered_pairs),
         pair_seconds: run.pose_graph.as_ref().map(|g| g.registration_seconds),
         edges: run.pose_graph.as_ref().map(|g| g.edges.len()),

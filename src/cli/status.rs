@@ -44,7 +44,7 @@ impl Status {
             Some(ErrorKind::Setting) => Status::Setting,
             Some(ErrorKind::Output) => Status::Output,
             Some(ErrorKind::Interrupted) => Status::Interrupted,
-            None => Status::Internal,
+            _ => Status::Internal,
         }
     }
 }

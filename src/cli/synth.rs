@@ -6,7 +6,7 @@ use super::{Status, Verbosity, terminal};
 use clap::Args;
 use scanweave::evaluation::ground_truth::{overlap_matrix, truth_of_pairs};
 use scanweave::geometry::Point;
-use scanweave::geometry::voxel::voxel_means;
+use scanweave::geometry::voxel_means;
 use scanweave::io::write_dataset::{SceneWriter, write_benchmark, write_overlaps};
 use scanweave::scan::SimilarityMatrix;
 use scanweave::synthetic::{self, SynthConfig, SyntheticSet};

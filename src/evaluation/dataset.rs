@@ -4,7 +4,7 @@ use super::estimate::SceneEstimate;
 use super::pose_error::{ErrorDistribution, PairError, pair_errors};
 use super::recall::{RecallReport, RecallSummary, registration_recall};
 use super::scene::SceneTruth;
-use crate::error::Result;
+use crate::Result;
 use crate::scan::ScanId;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -1,4 +1,4 @@
-//! Why pairs failed: which scan went wrong first, at which step of the growth, and on what
+//! Why pairs failed: which scan went wrong first, at which registration step, and on what
 //! evidence.
 //!
 //! A scan is *right* when it lies within the limit of some right scan that joined before it and
@@ -32,7 +32,7 @@ pub enum Cause {
     /// It joined with a wrong pose though it overlapped the model well, or never would have.
     WrongPose,
     /// It joined with a wrong pose while it hardly overlapped the model; a scan that came later
-    /// would have supported it better.
+    /// would have given better evidence.
     WrongOrder,
     /// It joined with a right pose and was moved away by a later refinement.
     Moved,
@@ -65,7 +65,7 @@ pub struct ScanFinding {
     pub scan: String,
     /// Component; `None` for a declined scan.
     pub component: Option<usize>,
-    /// Growth step at which it joined.
+    /// Registration step at which it joined.
     pub step: Option<usize>,
     /// Place of the scan it joined to.
     pub parent: Option<usize>,
@@ -166,7 +166,7 @@ impl Case<'_> {
         scored.reduce(|best, next| if next.1 > best.1 { next } else { best })
     }
 
-    /// Looks into every scan and every failed pair.
+    /// Examines every scan and every failed pair.
     pub fn diagnose(&self, recalls: &BTreeMap<String, RecallReport>) -> Diagnosis {
         let mut scans: Vec<ScanFinding> = (0..self.names.len()).map(|scan| self.facts(scan)).collect();
         for component in 0..self.reconstruction.components() {
@@ -189,8 +189,8 @@ impl Case<'_> {
     fn facts(&self, scan: usize) -> ScanFinding {
         let placement = self.placement(scan);
         let parent = placement.and_then(|p| p.parent).map(|p| p.0);
-        let support = placement.and_then(|p| p.support);
-        let joined = support.and_then(|s| s.parent_from_scan).zip(parent);
+        let evidence = placement.and_then(|p| p.evidence);
+        let joined = evidence.and_then(|s| s.parent_from_scan).zip(parent);
         let declined = match self.reconstruction.outcomes.get(scan) {
             Some(Outcome::Declined(reason)) => Some(reason.to_string()),
             _ => None,
@@ -207,7 +207,7 @@ impl Case<'_> {
             pivot_error_m: None,
             matches: placement.map_or(0, |p| p.matches),
             inliers: placement.map_or(0, |p| p.inliers),
-            probability: support.and_then(|s| s.probability),
+            probability: evidence.and_then(|s| s.probability),
             best_before: None,
             best_after: None,
             reason: declined,
@@ -310,7 +310,7 @@ impl Case<'_> {
         }
     }
 
-    /// On the way from `i` to `j` through the growth tree, the scan whose join is off most; the
+    /// On the path from `i` to `j` through the tree of joins, the scan whose join is off most; the
     /// later of the two where there is no tree.
     fn weakest_join(&self, i: usize, j: usize, scans: &[ScanFinding]) -> usize {
         let up = |mut s: usize| {

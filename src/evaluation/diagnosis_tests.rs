@@ -1,7 +1,7 @@
 use super::super::recall::PairRecall;
 use super::*;
 use crate::geometry::Point;
-use crate::scan::{DeclineReason, Support};
+use crate::scan::{DeclineReason, Evidence};
 use nalgebra::Vector3;
 
 /// A row of scans one metre apart, each overlapping the next by 0.4 and the one after by 0.2.
@@ -37,9 +37,9 @@ impl Row {
                 matches: 100,
                 inliers: 40,
                 residual_m: 0.02,
-                support: parent.map(|_| Support { parent_from_scan, ..Support::default() }),
+                evidence: parent.map(|_| Evidence { parent_from_scan, ..Evidence::default() }),
                 neighbours: Vec::new(),
-                hold: None,
+                pose_uncertainty: None,
             })
         });
         Self {
@@ -68,8 +68,8 @@ impl Row {
         }
         if at_join {
             let local = self.truth[from].inverse() * away * self.truth[from];
-            let support = self.placement(from).support.as_mut().unwrap();
-            support.parent_from_scan = support.parent_from_scan.map(|p| p * local);
+            let evidence = self.placement(from).evidence.as_mut().unwrap();
+            evidence.parent_from_scan = evidence.parent_from_scan.map(|p| p * local);
         }
     }
 
@@ -145,7 +145,7 @@ fn order_refinement_and_drift_are_told_apart() {
     early.placement(3).step = 2;
     early.placement(3).parent = Some(ScanId(1));
     early.placement(2).step = 3;
-    early.placement(3).support.as_mut().unwrap().parent_from_scan = None;
+    early.placement(3).evidence.as_mut().unwrap().parent_from_scan = None;
     let d = early.diagnose(&[(1, 3)]);
     assert_eq!((d.pairs[0].cause, d.pairs[0].scan), (Cause::WrongOrder, 3));
     assert_eq!((d.scans[3].best_before, d.scans[3].best_after), (Some((1, 0.2)), Some((2, 0.4))));
@@ -187,10 +187,10 @@ fn scans_without_a_common_frame_are_named() {
 fn without_benchmarks_the_pairs_that_overlap_enough_are_looked_at() {
     let mut row = Row::new(4);
     row.shift_from(2, 0.6, true);
-    // No growth tree: other methods place all scans at once.
+    // No tree of joins: other methods place all scans at once.
     for scan in 1..4 {
         row.placement(scan).parent = None;
-        row.placement(scan).support = None;
+        row.placement(scan).evidence = None;
     }
     let d = row.case().diagnose(&BTreeMap::new());
     // Neighbours overlap by 0.4; only 1 and 2 are wrong to each other.

@@ -1,11 +1,11 @@
 //! Estimated poses of one scene, from a registration or from trajectory files of any method.
 
 use super::scene::SceneTruth;
-use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::io::poses::{read_kitti, read_log, read_tum};
 use crate::result::poses::Document;
 use crate::scan::{DeclineReason, Outcome, Placement, Reconstruction};
+use crate::{Error, Result};
 use std::path::{Path, PathBuf};
 
 /// Estimated poses of the scans of one scene, in their order.
@@ -82,8 +82,8 @@ impl SceneEstimate {
                 matches: 0,
                 inliers: 0,
                 residual_m: 0.0,
-                support: None,
-                hold: None,
+                evidence: None,
+                pose_uncertainty: None,
                 neighbours: Vec::new(),
             }),
             None => {

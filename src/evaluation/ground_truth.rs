@@ -1,11 +1,11 @@
 //! Ground truth for posed scans: overlaps, benchmark pairs, information matrices.
 
-use crate::error::{Error, Result};
-use crate::geometry::neighbours::RadiusGrid;
-use crate::geometry::overlap::{Overlap, two_way_overlap};
-use crate::geometry::rigid::PointMover;
+use crate::geometry::PointMover;
+use crate::geometry::RadiusGrid;
+use crate::geometry::{Overlap, two_way_overlap};
 use crate::geometry::{Point, RigidMotion};
 use crate::scan::{PairTruth, ScanId, SimilarityMatrix};
+use crate::{Error, Result};
 use nalgebra::{Matrix3x6, Matrix6};
 use rayon::prelude::*;
 use std::ops::Range;

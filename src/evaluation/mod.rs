@@ -1,5 +1,5 @@
-//! The field's evaluation protocols (SPEC §3): registration recall, pose errors, retrieval
-//! scores, and the ground truth they need.
+//! Evaluation protocols of the literature: registration recall, pose errors, retrieval scores, and
+//! the ground truth they need.
 
 pub mod dataset;
 pub mod diagnosis;

@@ -2,11 +2,11 @@
 //! a whole reconstruction against truth.
 
 use super::{mean, median};
-use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
-use crate::geometry::averaging::rotation_median;
-use crate::geometry::rigid::{motion, nearest_rotation, rotation_error_rad, translation_error_m};
+use crate::geometry::rotation_median;
+use crate::geometry::{motion, nearest_rotation, rotation_error_rad, translation_error_m};
 use crate::scan::{Reconstruction, ScanId};
+use crate::{Error, Result};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -25,7 +25,7 @@ pub struct PoseError {
 }
 
 impl PoseError {
-    /// re = arccos((tr(RᵀR_gt) − 1)/2) and te = ‖t − t_gt‖ (SPEC §3).
+    /// re = arccos((tr(RᵀR_gt) − 1)/2) and te = ‖t − t_gt‖.
     pub fn between(estimate: &RigidMotion, truth: &RigidMotion) -> Self {
         Self {
             rotation_deg: rotation_error_rad(estimate, truth).to_degrees(),
@@ -320,9 +320,9 @@ mod tests {
             matches: 0,
             inliers: 0,
             residual_m: 0.0,
-            support: None,
+            evidence: None,
             neighbours: Vec::new(),
-            hold: None,
+            pose_uncertainty: None,
         })
     }
 

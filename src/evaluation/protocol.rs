@@ -1,7 +1,7 @@
-//! The evaluation protocols of the field, by name (SPEC §3).
+//! The evaluation protocols of the literature, by name.
 
 use super::recall::RecallConfig;
-use crate::error::{Error, Result};
+use crate::{Error, Result};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

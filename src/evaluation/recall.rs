@@ -4,9 +4,9 @@
 //! `gt.info`, is at most the threshold (Choi, Zhou, Koltun 2015; Zeng et al. 2017).
 
 use super::mean;
-use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::scan::{PairTruth, ScanId};
+use crate::{Error, Result};
 use nalgebra::{Matrix6, Vector6};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -55,7 +55,7 @@ impl RecallConfig {
     }
 }
 
-/// Verdict on one counted pair.
+/// Outcome of one counted pair.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PairRecall {
     /// Target scan.

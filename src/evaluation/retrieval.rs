@@ -1,9 +1,9 @@
 //! How well predicted overlaps find scans that truly overlap.
 
 use super::mean;
-use crate::error::{Error, Result};
 pub use crate::evaluation::retrieval_scores::{recall_at, spearman};
 use crate::scan::SimilarityMatrix;
+use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Retrieval scores of one scene.

@@ -1,7 +1,7 @@
 //! How well predicted similarity agrees with true overlap.
 
-use crate::error::{Error, Result};
 use crate::scan::SimilarityMatrix;
+use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Agreement of predicted similarity with true overlap in one scene, or averaged over scenes.
@@ -59,8 +59,8 @@ impl RetrievalScores {
 
 /// Recall at `k`: the share of the scans overlapping scan i by more than `above` that are among the
 /// k most similar to i; mean over all i that have such scans, `None` when none has. Ties in
-/// similarity go to the lower index, as in the growth. Where more than k scans overlap i, even the
-/// true order stays below 1.
+/// similarity go to the lower index, as in the incremental strategy. Where more than k scans overlap
+/// i, even the true order stays below 1.
 pub fn recall_at(
     similarity: &SimilarityMatrix,
     overlap: &SimilarityMatrix,

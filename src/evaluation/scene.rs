@@ -1,12 +1,12 @@
-//! What is known for true about one scene of a data set: its scans, their poses, and the pairs
+//! Ground truth of one scene of a data set: its scans, their poses, and the pairs
 //! that its benchmarks count.
 
 use super::protocol::Protocol;
-use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::io::dataset::{read_benchmark, read_scene};
 use crate::io::{read_overlaps, scan_files, unique_names};
 use crate::scan::PairTruth;
+use crate::{Error, Result};
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
 

@@ -1,6 +1,6 @@
 //! Settings of a fusion.
 
-use crate::error::{Error, Result};
+use crate::{Error, Result};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -1,10 +1,10 @@
 //! A truncated signed distance field in sparse blocks.
 
 use super::FusionConfig;
-use crate::error::{Error, Result};
-use crate::geometry::rigid::PointMover;
+use crate::geometry::PointMover;
 use crate::geometry::{Direction, Point, RigidMotion};
 use crate::scan::DepthImage;
+use crate::{Error, Result};
 use rayon::prelude::*;
 use std::collections::HashMap;
 

@@ -1,11 +1,11 @@
 //! Fragments of a walk with a depth camera, as the 3DMatch test set is made of them.
 
-use crate::error::{Error, Result};
+use crate::Monitor;
 use crate::fusion::{FusedSurface, FusionConfig, Volume};
 use crate::geometry::RigidMotion;
 use crate::io::write_dataset::SceneWriter;
 use crate::io::{self, PlyCloud};
-use crate::monitor::Monitor;
+use crate::{Error, Result};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::path::{Path, PathBuf};

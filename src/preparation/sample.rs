@@ -1,11 +1,11 @@
 //! Samples of a walk with a depth camera: the ScanNet protocol's scans.
 
-use crate::error::{Error, Result};
+use crate::Monitor;
 use crate::geometry::RigidMotion;
 use crate::io::write_dataset::SceneWriter;
 use crate::io::{self, PlyCloud};
-use crate::monitor::Monitor;
 use crate::random::generator;
+use crate::{Error, Result};
 use rand::seq::SliceRandom;
 use rayon::prelude::*;
 use std::path::Path;

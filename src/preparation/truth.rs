@@ -1,14 +1,14 @@
 //! Ground truth of a user's own posed scans, in the files that benchmarks publish.
 
-use crate::preprocessing::scale::{self, ScaleConfig};
-use crate::error::{Error, Result};
+use crate::Monitor;
 use crate::evaluation::ground_truth::{LO_MATCH_OVERLAP, MATCH_OVERLAP, Overlaps, overlaps, truth_of_pairs};
 use crate::geometry::Point;
-use crate::geometry::voxel::voxel_means;
+use crate::geometry::voxel_means;
 use crate::io;
 use crate::io::write_dataset::{write_benchmark, write_overlaps};
-use crate::monitor::Monitor;
+use crate::preprocessing::ScaleConfig;
 use crate::scan::{PairTruth, PointCloud};
+use crate::{Error, Result};
 use rayon::prelude::*;
 use std::io::Write;
 use std::ops::Range;
@@ -170,7 +170,7 @@ fn distinct(numbers: &[Option<usize>]) -> Option<Vec<usize>> {
 fn lengths(config: &TruthConfig, clouds: &[&PointCloud]) -> Result<(f64, f64)> {
     let chosen = ScaleConfig { voxel_m: config.voxel_m, ..ScaleConfig::default() };
     chosen.validate()?;
-    let voxel_m = scale::choose(&chosen, clouds)?.scale.voxel_m;
+    let voxel_m = crate::preprocessing::choose_scale(&chosen, clouds)?.scale.voxel_m;
     let radius_m = config.radius_m.unwrap_or(OVERLAP_RADIUS_VOXELS * voxel_m);
     if !(radius_m.is_finite() && radius_m > 0.0) {
         let expected = "a positive length in metres";

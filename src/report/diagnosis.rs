@@ -145,7 +145,7 @@ impl Diagnosis {
         Grid::new(head, 5, groups.iter().map(row).collect())
     }
 
-    /// Why that scan is held to be the first that went wrong, in a sentence.
+    /// Why that scan counts as the first that went wrong, in a sentence.
     fn evidence(&self, scan: usize, cause: Cause) -> String {
         let Some(s) = self.scans.get(scan) else { return String::new() };
         if let Some(reason) = &s.reason {

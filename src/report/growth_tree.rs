@@ -1,4 +1,4 @@
-//! A picture of how a model grew, and where it went wrong.
+//! A picture of the tree of joins, and where it went wrong.
 
 use super::markup::escaped;
 use crate::evaluation::diagnosis::{Diagnosis, ScanFinding};
@@ -30,7 +30,7 @@ fn color(finding: &ScanFinding, limit_m: f64) -> &'static str {
     MEANINGS[meaning].0
 }
 
-/// SVG of the growth trees of all components, each scan one row below its parent or an earlier
+/// SVG of the trees of joins of all components, each scan one row below its parent or an earlier
 /// child of it, indented by its depth; declined scans at the end. A thick line is a join with many
 /// inliers.
 pub fn svg(diagnosis: &Diagnosis) -> String {

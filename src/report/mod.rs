@@ -1,4 +1,4 @@
-//! What a person or another program looks at after a run.
+//! Outputs of a run for people and for other programs.
 
 pub mod chart;
 pub mod diagnosis;

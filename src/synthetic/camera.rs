@@ -33,7 +33,7 @@ pub fn render_depth(
 mod tests {
     use super::super::shape::{Primitive, Shape};
     use super::*;
-    use crate::geometry::rigid::rotation_error_rad;
+    use crate::geometry::rotation_error_rad;
     use approx::assert_relative_eq;
     use nalgebra::{Isometry3, Vector3};
 
@@ -61,7 +61,7 @@ mod tests {
         let look = nalgebra::Rotation3::from_matrix_unchecked(nalgebra::Matrix3::new(
             0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0,
         ));
-        let pose = crate::geometry::rigid::motion(look, Vector3::new(1.0, 2.0, 3.0));
+        let pose = crate::geometry::motion(look, Vector3::new(1.0, 2.0, 3.0));
         assert!(rotation_error_rad(&pose, &RigidMotion::identity()) > 1.0);
         let ball = Primitive::new(
             Shape::Sphere { radius },

@@ -2,8 +2,8 @@
 
 use super::noise::DepthFrame;
 use super::scene::Scene;
-use crate::geometry::rigid::PointMover;
-use crate::geometry::voxel::VoxelGroups;
+use crate::geometry::PointMover;
+use crate::geometry::VoxelGroups;
 use crate::geometry::{Point, RigidMotion};
 use crate::scan::{DepthImage, PointCloud};
 use nalgebra::Vector3;

@@ -92,7 +92,7 @@ fn along_wall(room: &Room, taken: &mut Vec<Footprint>, solids: &mut Vec<Primitiv
         4 => (rng.random_range(0.9..1.6), rng.random_range(1.9..2.1), false), // bed
         5 => (rng.random_range(1.0..1.6), rng.random_range(0.55..0.75), false), // desk
         6 => (0.45, 0.45, true),                                              // floor lamp
-        7 => (rng.random_range(0.5..1.0), rng.random_range(0.4..0.7), false), // pile of boxes
+        7 => (rng.random_range(0.5..1.0), rng.random_range(0.4..0.7), false), // collection of scans of boxes
         _ => (rng.random_range(0.35..0.6), rng.random_range(0.35..0.6), false), // plant
     };
     for _ in 0..8 {

@@ -25,10 +25,10 @@ pub use plan::Site;
 pub use scene::{Hit, Scene};
 pub use shape::{Entry, Primitive, Shape};
 
-use crate::error::{Error, Result};
+use crate::Monitor;
 use crate::geometry::RigidMotion;
-use crate::monitor::Monitor;
 use crate::scan::{Scan, ScanId};
+use crate::{Error, Result};
 use plan::generator;
 use rand::RngExt;
 use rayon::prelude::*;

@@ -1,9 +1,9 @@
 //! Tests of whole synthetic sets.
 
 use super::*;
-use crate::geometry::neighbours::RadiusGrid;
-use crate::geometry::overlap::two_way_overlap;
-use crate::monitor::Silent;
+use crate::Silent;
+use crate::geometry::RadiusGrid;
+use crate::geometry::two_way_overlap;
 
 fn small(seed: u64) -> SynthConfig {
     SynthConfig { seed, scans: 8, ..SynthConfig::default() }
@@ -13,16 +13,11 @@ fn relative(set: &SyntheticSet, i: ScanId, j: ScanId) -> RigidMotion {
     set.world_from_scan[i.0].inverse() * set.world_from_scan[j.0]
 }
 
-fn overlap(set: &SyntheticSet, i: ScanId, j: ScanId) -> crate::geometry::overlap::Overlap {
+fn overlap(set: &SyntheticSet, i: ScanId, j: ScanId) -> crate::geometry::Overlap {
     overlap_at(set, i, j, &relative(set, i, j))
 }
 
-fn overlap_at(
-    set: &SyntheticSet,
-    i: ScanId,
-    j: ScanId,
-    i_from_j: &RigidMotion,
-) -> crate::geometry::overlap::Overlap {
+fn overlap_at(set: &SyntheticSet, i: ScanId, j: ScanId, i_from_j: &RigidMotion) -> crate::geometry::Overlap {
     let grid = |k: ScanId| RadiusGrid::new(&set.scans[k.0].cloud.points, 0.05);
     two_way_overlap(&grid(i), &grid(j), i_from_j)
 }

@@ -2,7 +2,7 @@
 
 use super::building::{Building, WALK_INSET_M};
 use crate::geometry::RigidMotion;
-use crate::geometry::rigid::motion;
+use crate::geometry::motion;
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

@@ -1,16 +1,14 @@
 //! From a training recipe to pairs of patches, for the training of local descriptors.
 
 use super::{PosedScans, RgbdEntry, ScenesEntry, Split, SynthEntry};
+use crate::Monitor;
 use crate::config::Layers;
-use crate::preprocessing::scale::{self, ScaleConfig};
-use crate::training::mini_spin_net::{
-    PairData, PairLengths, PairScene, PosedSurface, TrainConfig, extract,
-};
-use crate::error::{Error, Result};
-use crate::monitor::Monitor;
 use crate::pipeline;
 use crate::pipeline::FeatureSource;
+use crate::preprocessing::ScaleConfig;
 use crate::scan::PointCloud;
+use crate::training::mini_spin_net::{PairData, PairLengths, PairScene, PosedSurface, TrainConfig, extract};
+use crate::{Error, Result};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -87,7 +85,7 @@ pub fn load(recipe: &DescriptorRecipe, root: &Path, monitor: &dyn Monitor) -> Re
 fn pairs_of(posed: PosedScans, recipe: &DescriptorRecipe, monitor: &dyn Monitor) -> Result<PairScene> {
     let PosedScans { name, scans, world_from_scan } = posed;
     let clouds: Vec<&PointCloud> = scans.iter().map(|s| &s.cloud).collect();
-    let scale = scale::choose(&recipe.scale, &clouds)?.scale;
+    let scale = crate::preprocessing::choose_scale(&recipe.scale, &clouds)?.scale;
     let surfaces = pipeline::thin(&scans, &scale, monitor)?;
     let posed: Vec<PosedSurface> = scans
         .iter()

@@ -1,10 +1,10 @@
 //! What a recipe may name as data.
 
 use super::PosedScans;
-use crate::error::{Error, Result};
+use crate::Monitor;
 use crate::io;
-use crate::monitor::Monitor;
 use crate::synthetic::SynthConfig;
+use crate::{Error, Result};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};

@@ -1,13 +1,13 @@
 //! Depth images with poses, fused into scans of several frames.
 
 use super::{PosedScans, RgbdEntry};
-use crate::error::{Error, Result};
-use crate::geometry::rigid::PointMover;
-use crate::geometry::voxel::voxel_means;
+use crate::Monitor;
+use crate::geometry::PointMover;
+use crate::geometry::voxel_means;
 use crate::geometry::{Point, RigidMotion};
 use crate::io;
-use crate::monitor::Monitor;
 use crate::scan::{PointCloud, Scan, ScanId};
+use crate::{Error, Result};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 

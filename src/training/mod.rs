@@ -11,16 +11,16 @@ mod synthetic_scenes;
 
 pub use entries::{RgbdEntry, ScenesEntry, Split, SynthEntry};
 
+use crate::Monitor;
 use crate::config::{Config, Layers};
 use crate::descriptor::DescriptorConfig;
-use crate::preprocessing::scale::ScaleConfig;
-use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
-use crate::monitor::Monitor;
 use crate::pipeline::{self, FeatureSource};
+use crate::preprocessing::ScaleConfig;
 use crate::retrieval::DescriptorTag;
-use crate::training::overlap_head::{TrainConfig, TrainingData, TrainingScene};
 use crate::scan::Scan;
+use crate::training::overlap_head::{TrainConfig, TrainingData, TrainingScene};
+use crate::{Error, Result};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;

@@ -1,10 +1,10 @@
 //! Synthetic buildings to train on, made once and kept.
 
 use super::{PosedScans, SynthEntry};
-use crate::error::Result;
+use crate::Monitor;
+use crate::Result;
 use crate::io::PlyCloud;
 use crate::io::write_dataset::SceneWriter;
-use crate::monitor::Monitor;
 use crate::synthetic::{self, SynthConfig};
 use std::path::{Path, PathBuf};
 
@@ -65,7 +65,7 @@ fn read(place: &Path, monitor: &dyn Monitor) -> Result<PosedScans> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::monitor::Silent;
+    use crate::Silent;
 
     #[test]
     fn a_building_is_the_same_from_the_generator_and_from_the_cache() {

@@ -1,5 +1,5 @@
 use super::*;
-use crate::monitor::Silent;
+use crate::Silent;
 
 fn recipe(text: &str) -> Result<Recipe> {
     let folder = tempfile::tempdir().unwrap();

@@ -3,7 +3,7 @@
 use crate::descriptor::mini_spin_net::{
     Architecture, Checkpoint, DESCRIPTOR, FORMAT_VERSION, Layer, LayerShape, Meta, Norm, RADII, Weights,
 };
-use crate::error::{Error, Result};
+use crate::{Error, Result};
 use burn::store::pytorch_reader::{DType, PytorchReader, Tensor};
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,9 +1,9 @@
 //! Heads published by others, in PyTorch's layout.
 
-use crate::error::{Error, Result};
-use crate::retrieval::checkpoint::{Checkpoint, CheckpointMeta, DataSummary, DescriptorTag, FORMAT_VERSION};
-use crate::retrieval::head::HeadWeights;
-use crate::retrieval::netvlad::NetVlad;
+use crate::retrieval::HeadWeights;
+use crate::retrieval::NetVlad;
+use crate::retrieval::{Checkpoint, CheckpointMeta, DataSummary, DescriptorTag, FORMAT_VERSION};
+use crate::{Error, Result};
 use burn::store::pytorch_reader::{DType, PytorchReader, Tensor};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

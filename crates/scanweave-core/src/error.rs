@@ -12,6 +12,7 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// Everything that can go wrong in the library.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum Error {
     /// The operating system refused to read a file or folder.
     #[error("{}: cannot read it: {source}", path.display())]
@@ -81,6 +82,7 @@ pub enum Error {
 
 /// Coarse class of an [`Error`], for exit codes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ErrorKind {
     /// Files or scans that cannot be used.
     Input,

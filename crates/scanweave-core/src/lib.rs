@@ -25,15 +25,17 @@
     )
 )]
 
+pub mod atomic;
 pub mod config;
 pub mod descriptor;
-pub mod error;
+mod error;
 pub mod geometry;
 pub mod io;
-pub mod monitor;
+mod monitor;
 pub mod pipeline;
 pub mod preprocessing;
 pub mod random;
+mod register;
 pub mod registration;
 pub mod result;
 pub mod retrieval;
@@ -44,3 +46,7 @@ pub mod tensor_file;
 pub use config::Config;
 pub use error::{Error, ErrorKind, Result};
 pub use monitor::{Monitor, Silent};
+/// Appears in signatures: motions, points and matrices are its.
+pub use nalgebra;
+pub use register::{RegisteredPair, register, register_pair};
+pub use scan::{PointCloud, Reconstruction, Scan};

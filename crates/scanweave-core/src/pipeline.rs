@@ -10,8 +10,8 @@ use crate::config::Config;
 use crate::descriptor::{Describer, DescriptorKind};
 use crate::error::{Error, Result};
 use crate::monitor::Monitor;
-use crate::registration::{self, Lengths, ScanInput};
 use crate::preprocessing::{ScaleWarning, scale, surface};
+use crate::registration::{self, Lengths, ScanInput};
 use crate::result::run::StageTime;
 use crate::retrieval::{self, Checkpoint, DescriptorTag, HeadChoice, HeadOrigin, SimilaritySource, shipped};
 use crate::scan::{
@@ -39,7 +39,7 @@ pub struct Run {
     pub head: HeadOrigin,
     /// The registered pairs, for methods that register pairs first.
     pub pose_graph: Option<PoseGraph>,
-    /// The verdict on every scan.
+    /// The outcome on every scan.
     pub reconstruction: Reconstruction,
     /// Time each stage took.
     pub timings: Vec<StageTime>,
@@ -118,7 +118,7 @@ pub fn predict_overlap(
 pub struct Registered {
     /// The registered pairs, for methods that register pairs first.
     pub pose_graph: Option<PoseGraph>,
-    /// The verdict on every scan.
+    /// The outcome on every scan.
     pub reconstruction: Reconstruction,
 }
 
@@ -195,6 +195,10 @@ pub fn describe(
     describe_timed(scans, config, source, monitor, &mut Stopwatch::default())
 }
 
+/// [`describe`] with the time of every stage.
+///
+/// # Errors
+/// As [`describe`].
 pub fn describe_timed(
     scans: &[Scan],
     config: &Config,
@@ -222,6 +226,10 @@ fn check_scans(scans: &[Scan]) -> Result<()> {
     Err(Error::input("inputs", found, "at least two scans to register with each other", "name more scans"))
 }
 
+/// The stage "surfaces": every scan thinned to the working voxel, with normals.
+///
+/// # Errors
+/// When the user asked to stop.
 pub fn thin(scans: &[Scan], scale: &WorkingScale, monitor: &dyn Monitor) -> Result<Vec<Surface>> {
     const STAGE: &str = "surfaces";
     monitor.begin(STAGE, scans.len());

@@ -1,8 +1,9 @@
-//! Named arrays of numbers with their papers, in one safetensors file.
+//! Named arrays of numbers with their metadata, in one safetensors file.
 //!
 //! The metadata is JSON under the key `scanweave`; a checksum over all arrays notices a flipped
 //! bit. The same content gives the same bytes.
 
+use crate::atomic;
 use crate::error::{Error, Result};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
@@ -76,15 +77,7 @@ pub fn save<M: Serialize>(path: &Path, meta: &M, arrays: &Arrays) -> Result<()> 
     // One key only: the order of several would differ between runs.
     let info = HashMap::from([(META_KEY.to_owned(), json)]);
     let content = safetensors::serialize(views, Some(info)).map_err(|e| fail(e.to_string()))?;
-    let folder = match path.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p,
-        _ => Path::new("."),
-    };
-    let mut file = tempfile::NamedTempFile::new_in(folder).map_err(|e| Error::write(path, e))?;
-    file.write_all(&content).map_err(|e| Error::write(path, e))?;
-    file.as_file().sync_all().map_err(|e| Error::write(path, e))?;
-    file.persist(path).map_err(|e| Error::write(path, e.error))?;
-    Ok(())
+    atomic::write(path, |out| out.write_all(&content))
 }
 
 /// Metadata and arrays of a file's content; `path` is for messages only.

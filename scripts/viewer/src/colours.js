@@ -43,7 +43,7 @@ export function modes(data) {
   const placed = data.scans.filter((s) => s.placed);
   const all = [['scan', 'scan'], ['step', 'growth step']];
   if (data.scans.some((s) => s.points.residual !== null)) all.push(['residual', 'distance to other scans']);
-  if (placed.some((s) => typeof s.placed.support?.probability === 'number')) all.push(['probability', 'probability']);
+  if (placed.some((s) => typeof s.placed.evidence?.probability === 'number')) all.push(['probability', 'probability']);
   if (data.scans.some((s) => s.error)) all.push(['error', 'error against the truth']);
   if (data.scans.some((s) => s.points.rgb !== null)) all.push(['original', 'original colour']);
   return all;
@@ -54,7 +54,7 @@ export function colourOf(data, scan, mode) {
   const placed = data.scans[scan].placed;
   if (mode === 'step' && placed) return ramp('order', placed.step / Math.max(1, data.lastStep[placed.component]));
   if (mode === 'probability') {
-    const p = placed?.support?.probability;
+    const p = placed?.evidence?.probability;
     return typeof p === 'number' ? ramp('error', 1 - p) : GREY;
   }
   if (mode === 'error') {

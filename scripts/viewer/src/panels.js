@@ -99,10 +99,10 @@ const degrees = (v) => `${v.toFixed(2)}°`;
 function columns(data) {
   const placed = (f) => (s, i) => (s.placed ? f(s.placed, s, i) : null);
   const joined = (f) => placed((p, s) => (p.parent === null ? null : f(p, s)));
-  const support = (f) => joined((p) => (p.support ? f(p.support) : null));
+  const evidence = (f) => joined((p) => (p.evidence ? f(p.evidence) : null));
   const several = data.components.length > 1;
   const judged = data.scans.some((s) => s.error);
-  const held = data.scans.some((s) => typeof s.placed?.hold?.deviation_m === 'number');
+  const uncertain = data.scans.some((s) => typeof s.placed?.pose_uncertainty?.deviation_m === 'number');
   return [
     ['Outcome', (s) => (s.left_out ? 'left out' : s.placed.parent === null ? 'pivot' : 'placed'), String, 'text'],
     several ? ['Model', placed((p) => p.component + 1), String] : null,
@@ -110,11 +110,11 @@ function columns(data) {
     ['Joined to', joined((p) => name(data, p.parent)), String, 'text'],
     ['Matches', joined((p) => p.matches), String],
     ['Inliers', joined((p) => p.inliers), String],
-    ['Next best', support((p) => p.runner_up), String],
+    ['Second best', evidence((p) => p.second_best_inliers), String],
     ['Overlap', placed((p, s) => overlapOf(s)), share],
     ['Residual', joined((p) => p.residual_m), length],
-    ['Probability', support((p) => p.probability), share],
-    held ? ['Held within', placed((p) => p.hold?.deviation_m ?? null), (v) => `± ${length(v)}`] : null,
+    ['Probability', evidence((p) => p.probability), share],
+    uncertain ? ['Uncertainty', placed((p) => p.pose_uncertainty?.deviation_m ?? null), (v) => `± ${length(v)}`] : null,
     judged ? ['Angle off', (s) => s.error?.rotation_deg ?? null, degrees] : null,
     judged ? ['Shift off', (s) => s.error?.translation_m ?? null, length] : null,
     ['Points', (s) => s.size?.points ?? null, (v) => v.toLocaleString('en')],
@@ -203,22 +203,24 @@ function factsOf(data, scan) {
   if (!p) return facts;
   facts.push(['Placed', p.parent === null ? 'pivot: its frame is the frame of the model' : `at step ${p.step}, joined to ${name(data, p.parent)}`]);
   if (p.parent !== null) facts.push(['Matches', `${p.matches}, of which ${p.inliers} agree on the position`]);
-  const s = p.support;
+  const s = p.evidence;
   if (s && p.parent !== null) {
     facts.push(
-      ['Next best position', `${s.runner_up} matches agree`],
+      ['Second best position', `${s.second_best_inliers} matches agree`],
       ['Surface on the model', `${share(s.overlap)}, normals agree on ${share(s.normal_agreement)} of it`],
-      ['In space seen to be empty', share(s.violation)],
-      ['Stiffness', s.stiffness.toPrecision(2)],
+      ['Free-space violation', share(s.free_space_violation)],
+      ['Localizability', s.localizability.toPrecision(2)],
     );
     if (typeof s.probability === 'number') facts.push(['Probability to be right', share(s.probability)]);
   }
   if (p.parent !== null) facts.push(['Residual', length(p.residual_m)]);
-  const { hold } = p;
-  if (typeof hold?.deviation_m === 'number') facts.push(['Held within', `± ${length(hold.deviation_m)}, ± ${degrees(hold.deviation_deg)} (one standard deviation)`]);
-  if (hold?.weakest_link) {
-    const [i, j, probability] = hold.weakest_link;
-    facts.push(['Weakest link to the pivot', `${name(data, i)} and ${name(data, j)}, right with probability ${share(probability)}`]);
+  const uncertainty = p.pose_uncertainty;
+  if (typeof uncertainty?.deviation_m === 'number') {
+    facts.push(['Pose uncertainty', `± ${length(uncertainty.deviation_m)}, ± ${degrees(uncertainty.deviation_deg)} (one standard deviation)`]);
+  }
+  if (uncertainty?.weakest_edge) {
+    const [i, j, probability] = uncertainty.weakest_edge;
+    facts.push(['Weakest edge to the pivot', `${name(data, i)} and ${name(data, j)}, right with probability ${share(probability)}`]);
   }
   if (scan.error) facts.push(['Error against the truth', `${degrees(scan.error.rotation_deg)}, ${length(scan.error.translation_m)}`]);
   return facts;

@@ -1,9 +1,9 @@
 //! How far the points of a scan lie from the surfaces of the scans it touches.
 
-use crate::result::poses::{Document, Pose, Verdict};
 use super::points::Shown;
 use crate::geometry::PointIndex;
-use crate::geometry::rigid::{PointMover, RigidMotion, motion_from_matrix};
+use crate::geometry::{PointMover, RigidMotion, motion_from_matrix};
+use crate::result::poses::{Document, EntryOutcome, Pose};
 use crate::scan::Surface;
 use nalgebra::{Matrix4, Vector3};
 use rayon::prelude::*;
@@ -25,9 +25,9 @@ pub(super) fn residuals(
     let poses: Vec<Option<&Pose>> = document
         .scans
         .iter()
-        .map(|e| match &e.verdict {
-            Verdict::Placed(pose) => Some(pose.as_ref()),
-            Verdict::Declined { .. } => None,
+        .map(|e| match &e.outcome {
+            EntryOutcome::Placed(pose) => Some(pose.as_ref()),
+            EntryOutcome::Declined { .. } => None,
         })
         .collect();
     let motions: Vec<Option<RigidMotion>> = poses.iter().map(|p| p.and_then(motion_of)).collect();

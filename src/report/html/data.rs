@@ -1,12 +1,12 @@
 //! What a page knows about a run. The viewer (scripts/viewer/src) reads these names.
 
-use crate::result::poses::{Component, Entry, Verdict};
-use crate::result::run::{ScanSize, StageTime};
 use super::points::{MOST_POINTS, Packed, PointSource, choose};
 use super::{Input, agreement, wording};
-use crate::scan::WorkingScale;
 use crate::evaluation::pose_error::PoseError;
-use crate::scan::{Hold, NeighbourEvidence, SimilarityMatrix, Support};
+use crate::result::poses::{Component, Entry, EntryOutcome};
+use crate::result::run::{ScanSize, StageTime};
+use crate::scan::WorkingScale;
+use crate::scan::{Evidence, NeighbourEvidence, PoseUncertainty, SimilarityMatrix};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
@@ -58,19 +58,19 @@ struct PlacedData<'a> {
     matches: usize,
     inliers: usize,
     residual_m: f64,
-    support: Option<&'a Support>,
-    hold: Option<HoldData>,
+    evidence: Option<&'a Evidence>,
+    pose_uncertainty: Option<UncertaintyData>,
     neighbours: &'a [NeighbourEvidence],
 }
 
-/// How firmly a scan is held.
+/// Uncertainty of a scan's pose.
 #[derive(Debug, Serialize)]
-struct HoldData {
+struct UncertaintyData {
     /// Largest standard deviations in any direction, of the rotation and of the scan's centre.
     deviation_deg: Option<f64>,
     deviation_m: Option<f64>,
     /// Two scans and the probability that their relative pose is right.
-    weakest_link: Option<(usize, usize, f64)>,
+    weakest_edge: Option<(usize, usize, f64)>,
 }
 
 /// The same to six digits: what is computed from poses.json read back may differ in the last ones.
@@ -78,13 +78,13 @@ fn significant(value: f64) -> f64 {
     format!("{value:.5e}").parse().unwrap_or(value)
 }
 
-impl HoldData {
-    fn new(hold: &Hold) -> Self {
-        let deviation = hold.deviation();
+impl UncertaintyData {
+    fn new(pose_uncertainty: &PoseUncertainty) -> Self {
+        let deviation = pose_uncertainty.deviation();
         Self {
             deviation_deg: deviation.map(|d| significant(d.0)),
             deviation_m: deviation.map(|d| significant(d.1)),
-            weakest_link: hold.weakest_link.map(|l| (l.scans.0.0, l.scans.1.0, l.probability)),
+            weakest_edge: pose_uncertainty.weakest_edge.map(|l| (l.scans.0.0, l.scans.1.0, l.probability)),
         }
     }
 }
@@ -141,7 +141,7 @@ impl<'a> Data<'a> {
 }
 
 fn placed(entry: &Entry) -> Option<PlacedData<'_>> {
-    let Verdict::Placed(pose) = &entry.verdict else { return None };
+    let EntryOutcome::Placed(pose) = &entry.outcome else { return None };
     Some(PlacedData {
         component: pose.component,
         step: pose.step,
@@ -150,14 +150,14 @@ fn placed(entry: &Entry) -> Option<PlacedData<'_>> {
         matches: pose.matches,
         inliers: pose.inliers,
         residual_m: pose.residual_m,
-        support: pose.support.as_ref(),
-        hold: pose.hold.as_deref().map(HoldData::new),
+        evidence: pose.evidence.as_ref(),
+        pose_uncertainty: pose.pose_uncertainty.as_deref().map(UncertaintyData::new),
         neighbours: &pose.neighbours,
     })
 }
 
 fn left_out(entry: &Entry) -> Option<LeftOutData<'_>> {
-    let Verdict::Declined { decline, explanation } = &entry.verdict else { return None };
+    let EntryOutcome::Declined { decline, explanation } = &entry.outcome else { return None };
     Some(LeftOutData { plain: wording::plain(decline), exact: explanation })
 }
 

@@ -13,18 +13,18 @@ pub use points::{MOST_POINTS, PointSource};
 pub use wording::headline;
 
 use super::markup::{escaped, filled};
+use crate::evaluation::pose_error::PoseReport;
 use crate::result::poses::Document;
 use crate::result::run::RunReport;
-use crate::error::{Error, Result};
-use crate::evaluation::pose_error::PoseReport;
 use crate::scan::{PointCloud, SimilarityMatrix, Surface};
+use crate::{Error, Result};
 
 const TEMPLATE: &str = include_str!("page.html");
 
 /// What a page is made from; everything is in the order of the scans.
 #[derive(Debug, Clone, Copy)]
 pub struct Input<'a> {
-    /// The verdicts.
+    /// The outcomes.
     pub poses: &'a Document,
     /// What the run took and worked with.
     pub run: &'a RunReport,

@@ -1,7 +1,7 @@
 //! The points of a scan that a page shows: thinned, few enough, and packed.
 
 use crate::geometry::Point;
-use crate::geometry::voxel::VoxelGroups;
+use crate::geometry::VoxelGroups;
 use crate::scan::PointCloud;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;

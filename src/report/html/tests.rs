@@ -1,7 +1,7 @@
 use super::*;
-use crate::scan::WorkingScale;
 use crate::geometry::{Point, RigidMotion};
 use crate::result::run;
+use crate::scan::WorkingScale;
 use crate::scan::{DeclineReason, Outcome, Placement, Reconstruction, Scan, ScanId};
 
 /// A placement without evidence.
@@ -14,13 +14,13 @@ pub(super) fn placed(world_from_scan: RigidMotion, step: usize, parent: Option<u
         matches: 0,
         inliers: 0,
         residual_m: 0.0,
-        support: None,
-        hold: None,
+        evidence: None,
+        pose_uncertainty: None,
         neighbours: Vec::new(),
     }
 }
 
-/// Scans `0`, `1`, … with these verdicts.
+/// Scans `0`, `1`, … with these outcomes.
 pub(super) fn document(verdicts: Vec<Outcome>) -> Document {
     let names = (0..verdicts.len()).map(|i| i.to_string()).collect::<Vec<_>>();
     named(&names.iter().map(String::as_str).collect::<Vec<_>>(), verdicts)

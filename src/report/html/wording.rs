@@ -1,9 +1,9 @@
-//! What came out, in words for somebody who never saw a registration.
+//! The result in words, for readers new to registration.
 
-use crate::result::poses::{Document, Verdict};
+use crate::result::poses::{Document, EntryOutcome};
 use crate::scan::DeclineReason;
 
-/// Below this chance of being right the best fit says nothing but that there is none.
+/// Below this probability of being right the best fit only shows that there is none.
 const UNLIKELY: f64 = 0.1;
 
 /// One sentence or two that say how many scans were placed, in how many models, and how many were
@@ -13,9 +13,9 @@ pub fn headline(document: &Document) -> String {
     let placed: Vec<_> = document
         .scans
         .iter()
-        .filter_map(|e| match &e.verdict {
-            Verdict::Placed(pose) => Some(pose),
-            Verdict::Declined { .. } => None,
+        .filter_map(|e| match &e.outcome {
+            EntryOutcome::Placed(pose) => Some(pose),
+            EntryOutcome::Declined { .. } => None,
         })
         .collect();
     if placed.iter().all(|p| p.parent.is_none()) {
@@ -53,20 +53,20 @@ pub(super) fn plain(reason: &DeclineReason) -> String {
             "It hardly matches any other scan: of {matches} points that looked alike, {inliers} agreed on \
              one position, and {needed} are needed. It probably shows another place, or overlaps too little."
         ),
-        DeclineReason::WeakEvidence { support, needed } => {
-            let chance = support.probability.unwrap_or(0.0);
-            let verdict = match chance {
+        DeclineReason::WeakEvidence { evidence, needed } => {
+            let chance = evidence.probability.unwrap_or(0.0);
+            let outcome = match chance {
                 c if c < UNLIKELY => "It probably shows another place, or overlaps too little",
                 _ => "Its best fit is too doubtful",
             };
             format!(
-                "{verdict}: its best position is right with a chance of {}, where {} is needed. {} points \
+                "{outcome}: its best position is right with a chance of {}, where {} is needed. {} points \
                  agreed on that position, {} on the next best one, and {} of its surface touches the rest.",
                 percent(chance),
                 percent(*needed),
-                support.inliers,
-                support.runner_up,
-                percent(support.overlap),
+                evidence.inliers,
+                evidence.second_best_inliers,
+                percent(evidence.overlap),
             )
         }
         DeclineReason::Pruned { inliers, median_distance_m } => format!(
@@ -80,6 +80,7 @@ pub(super) fn plain(reason: &DeclineReason) -> String {
         DeclineReason::Degenerate { detail } => {
             format!("Its shape does not fix a position: {detail}.")
         }
+        other => format!("It was left out: {other}."),
     }
 }
 
@@ -97,7 +98,7 @@ mod tests {
     use super::*;
     use crate::geometry::RigidMotion;
     use crate::result::poses::Component;
-    use crate::scan::{Outcome, Support};
+    use crate::scan::{Evidence, Outcome};
 
     #[test]
     fn the_headline_counts_scans_models_and_what_was_left_out() {
@@ -128,12 +129,12 @@ mod tests {
 
     #[test]
     fn reasons_tell_what_was_found_and_what_was_needed() {
-        let support = Support {
+        let evidence = Evidence {
             inliers: 14,
-            runner_up: 12,
+            second_best_inliers: 12,
             overlap: 0.004,
             probability: Some(0.31),
-            ..Support::default()
+            ..Evidence::default()
         };
         let cases = [
             (
@@ -145,7 +146,7 @@ mod tests {
                 vec!["of 90", "6 agreed", "and 8"],
             ),
             (
-                DeclineReason::WeakEvidence { support, needed: 0.5 },
+                DeclineReason::WeakEvidence { evidence, needed: 0.5 },
                 vec!["too doubtful", "31\u{a0}%", "50\u{a0}%", "14 points", "12 on", "below 1\u{a0}%"],
             ),
             (DeclineReason::Pruned { inliers: 9, median_distance_m: 0.123 }, vec!["9 points", "12.3 cm"]),

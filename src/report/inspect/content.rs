@@ -1,11 +1,11 @@
 //! Scans, features and results.
 
-use crate::scan::WorkingScale;
-use crate::error::{Error, Result};
 use crate::geometry::{Point, PointIndex};
-use crate::result::poses::{Document, Verdict};
+use crate::result::poses::{Document, EntryOutcome};
 use crate::result::run::RunReport;
+use crate::scan::WorkingScale;
 use crate::scan::{Features, PointCloud};
+use crate::{Error, Result};
 use nalgebra::Vector3;
 use serde::Serialize;
 use std::fs;
@@ -186,11 +186,11 @@ pub(super) fn result(folder: &Path) -> Result<ResultContent> {
 }
 
 fn left_out(poses: &Document) -> Vec<LeftOut> {
-    let reason = |scan: &crate::result::poses::Entry| match &scan.verdict {
-        Verdict::Declined { explanation, .. } => {
+    let reason = |scan: &crate::result::poses::Entry| match &scan.outcome {
+        EntryOutcome::Declined { explanation, .. } => {
             Some(LeftOut { scan: scan.name.clone(), reason: explanation.clone() })
         }
-        Verdict::Placed(_) => None,
+        EntryOutcome::Placed(_) => None,
     };
     poses.scans.iter().filter_map(reason).collect()
 }

@@ -8,8 +8,8 @@ pub use content::{FeatureContent, FileSize, LeftOut, ResultContent, RunContent, 
 pub use tensors::{CheckpointContent, TensorContent};
 pub use text::text;
 
-use crate::error::{Error, Result};
 use crate::io;
+use crate::{Error, Result};
 use serde::Serialize;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 /// The file that marks a folder as a result.
 const POSES: &str = "poses.json";
 
-/// One thing that was looked into.
+/// One inspected item.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
     /// The file or folder.
@@ -43,8 +43,8 @@ pub enum Content {
     Result(Box<ResultContent>),
 }
 
-/// Looks into a file or folder. A folder is a result, or else every scan and features file in it
-/// is looked into.
+/// Inspects a file or folder. A folder is a result, or else every scan and features file in it
+/// is inspected.
 ///
 /// # Errors
 /// [`Error::Read`], or [`Error::File`] and [`Error::Input`] when it is nothing that this program

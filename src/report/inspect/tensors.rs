@@ -1,8 +1,8 @@
-//! Checkpoints: any safetensors file, our own with their papers and checksum.
+//! Checkpoints: any safetensors file, our own with their metadata and checksum.
 
-use crate::error::{Error, Result};
 use crate::retrieval::Checkpoint;
 use crate::tensor_file;
+use crate::{Error, Result};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
 use serde::Serialize;
@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-/// Metadata key under which our own files keep their papers.
+/// Metadata key under which our own files keep their metadata.
 const OURS: &str = "scanweave";
 
 /// What a checkpoint is.
@@ -19,7 +19,7 @@ const OURS: &str = "scanweave";
 pub struct CheckpointContent {
     /// Whether this program wrote it; its checksum is then right, or it would not be read.
     pub ours: bool,
-    /// Its papers; of a foreign file, its metadata as it is.
+    /// Its metadata; of a foreign file, its metadata as it is.
     pub metadata: Value,
     /// Numbers in all tensors.
     pub parameters: usize,

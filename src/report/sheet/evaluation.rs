@@ -1,7 +1,7 @@
 //! The page of `scanweave evaluate`.
 
 use super::{Block, Section, Sheet};
-use crate::error::Result;
+use crate::Result;
 use crate::evaluation::dataset::SceneReport;
 use crate::evaluation::diagnosis::Diagnosis;
 use crate::evaluation::pose_error::{
@@ -272,12 +272,12 @@ fn failed_pairs(scene: &SceneSheet) -> Grid {
     )
 }
 
-/// Outcome, error and verdict of every scan.
+/// Outcome, cause of failure and error of every scan.
 fn scans(scene: &SceneSheet) -> Grid {
     let head = heads(&[
         "scan",
         "outcome",
-        "verdict",
+        "cause",
         "step",
         "error °",
         "error m",
@@ -297,7 +297,7 @@ fn scans(scene: &SceneSheet) -> Grid {
             (None, Some(e)) if e.component > 0 => format!("placed in model {}", e.component + 1),
             _ => "placed".to_owned(),
         };
-        let verdict =
+        let cause =
             found.filter(|f| f.component.is_some()).map_or(String::new(), |f| match (f.cause, f.origin) {
                 (Some(cause), _) => cause.name().to_owned(),
                 (None, Some(origin)) => {
@@ -309,7 +309,7 @@ fn scans(scene: &SceneSheet) -> Grid {
         vec![
             name.clone(),
             outcome,
-            verdict,
+            cause,
             count(placed.and_then(|f| f.step)),
             error.map_or(String::new(), |e| format!("{:.3}", e.error.rotation_deg)),
             error.map_or(String::new(), |e| format!("{:.4}", e.error.translation_m)),

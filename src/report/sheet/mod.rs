@@ -1,6 +1,6 @@
 //! One self-contained page of figures, tables and plots, for any browser and without a network.
 //!
-//! `page.html` is built from `scripts/viewer/` (scripts/build-viewer.sh): it has the looks of
+//! `page.html` is built from `scripts/viewer/` (scripts/build-viewer.sh): it has the style of
 //! `report.html`, and its content security policy lets nothing run but the script that sorts
 //! tables. Without JavaScript everything is still there.
 
@@ -11,7 +11,7 @@ pub use evaluation::{Evaluation, SceneSheet, evaluation};
 use super::chart::{self, Panel};
 use super::grid::{Grid, Part};
 use super::markup::{escaped, filled};
-use crate::error::{Error, Result};
+use crate::{Error, Result};
 use std::fmt::Write;
 
 const TEMPLATE: &str = include_str!("page.html");
@@ -23,7 +23,7 @@ pub struct Sheet {
     pub brand: String,
     /// What came out, in a sentence.
     pub headline: String,
-    /// What else is to be known at first sight; may be empty.
+    /// What else belongs at the top of the page; may be empty.
     pub note: String,
     /// The rest.
     pub sections: Vec<Section>,

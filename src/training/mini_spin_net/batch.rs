@@ -1,8 +1,8 @@
 //! What a step is computed from: patches, changed at random, and the points they pick.
 
+use super::module::MAP;
 use super::pairs::{PairScene, PatchPair};
 use super::{TrainConfig, generator};
-use super::module::MAP;
 use crate::descriptor::mini_spin_net::{CELLS, GROUP, NEIGHBOURS, Patch, RADII, Sphere, Weights};
 use nalgebra::{Rotation3, Vector3};
 use rand::RngExt;

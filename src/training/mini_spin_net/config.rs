@@ -1,7 +1,7 @@
 //! Settings of a training run.
 
 use crate::descriptor::mini_spin_net::Architecture;
-use crate::error::{Error, Result};
+use crate::{Error, Result};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -52,7 +52,7 @@ pub struct TrainConfig {
     pub tilt_deg: f64,
     /// Smallest share of the points that a thinned patch keeps.
     pub keep_min: f64,
-    /// Chance that a ball of up to half the radius is cut out of a patch.
+    /// Probability that a ball of up to half the radius is cut out of a patch.
     pub hole_chance: f64,
     /// Steps between checkpoints.
     pub checkpoint_every: usize,

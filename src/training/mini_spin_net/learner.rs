@@ -2,11 +2,9 @@
 
 use super::TrainConfig;
 use super::batch::{Batch, picked};
-use super::module::{
-    MAP, MiniSpinNet, Mode, Statistics, parameters_of, statistics_of, values, weights_from,
-};
+use super::module::{MAP, MiniSpinNet, Mode, Statistics, parameters_of, statistics_of, values, weights_from};
 use crate::descriptor::mini_spin_net::{Architecture, RADII, Weights};
-use crate::error::{Error, Result};
+use crate::{Error, Result};
 use burn::optim::decay::WeightDecayConfig;
 use burn::optim::{Adam, AdamConfig, AdamState, AdaptiveMomentumState, Optimizer};
 use burn::tensor::activation::relu;

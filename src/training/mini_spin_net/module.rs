@@ -40,7 +40,7 @@ impl Affine {
     }
 }
 
-/// MiniSpinNet; [`crate::descriptor::mini_spin_net`] has papers and stages.
+/// MiniSpinNet; [`crate::descriptor::mini_spin_net`] has metadata and stages.
 ///
 /// Maps are matrices with a row a cell, `[n · 7 · 20, channels]`, and a convolution is one matrix
 /// product with the nine neighbours of every cell side by side. Normalisations behind the

@@ -1,11 +1,10 @@
 //! Pairs of patches of one place seen in two scans.
 
 use super::TrainConfig;
-use crate::descriptor::keypoints;
 use crate::descriptor::mini_spin_net::{MOST_POINTS, Patch, PatchSource, in_patch_order};
-use crate::geometry::neighbours::{PointIndex, RadiusGrid};
-use crate::geometry::rigid::PointMover;
+use crate::geometry::PointMover;
 use crate::geometry::{Point, RigidMotion};
+use crate::geometry::{PointIndex, RadiusGrid};
 use crate::scan::Surface;
 use rand::seq::{IndexedRandom, SliceRandom};
 use rand::{RngExt, SeedableRng};
@@ -89,7 +88,7 @@ impl Finder<'_> {
         let mut rng = ChaCha8Rng::seed_from_u64(self.config.seed);
         rng.set_stream(scan as u64);
         // More than needed: some have no counterpart, some are flat.
-        let mut rows = keypoints::choose(&own.surface, 6 * count, self.config.seed);
+        let mut rows = crate::descriptor::choose_keypoints(&own.surface, 6 * count, self.config.seed);
         rows.shuffle(&mut rng);
         let mut others: Vec<usize> = (0..self.scans.len()).filter(|&i| i != scan).collect();
         let to_world = PointMover::new(&own.world_from_scan);

@@ -74,4 +74,3 @@ fn the_module_and_the_fast_path_agree() {
         assert_eq!(parameters_of(&again), parameters);
     }
 }
-

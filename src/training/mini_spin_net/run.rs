@@ -1,16 +1,17 @@
 //! A training run: steps, validation, checkpoints, log.
 
+use super::TrainConfig;
 use super::batch::Batch;
 use super::learner::{Learner, State};
 use super::pairs::{PairScene, PatchPair};
-use super::TrainConfig;
+use crate::Monitor;
+use crate::atomic;
 use crate::descriptor::mini_spin_net::{
     Checkpoint, DESCRIPTOR, FORMAT_VERSION, Meta, Network, Patch, Weights, Workspace,
 };
-use crate::error::{Error, Result};
-use crate::monitor::Monitor;
-use crate::training::run_folder;
 use crate::tensor_file::{self, Array};
+use crate::training::run_folder;
+use crate::{Error, Result};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -21,7 +22,7 @@ use std::time::Instant;
 const STAGE: &str = "training";
 const ACCURACY: &str = "accuracy";
 const BEST: &str = "best_accuracy";
-/// Pairs of a scene that validation looks at.
+/// Pairs of a scene used for validation.
 const VALIDATED: usize = 512;
 
 /// What a network is trained on. The split is by scene.
@@ -242,13 +243,13 @@ impl<'a> Run<'a> {
     fn write_log(&self) -> Result<()> {
         let path = self.folder.join(run_folder::METRICS);
         let fail = |e: std::io::Error| Error::write(&path, e);
-        let mut file = tempfile::NamedTempFile::new_in(&self.folder).map_err(fail)?;
-        for record in &self.records {
-            let line = serde_json::to_string(record).map_err(|e| fail(std::io::Error::other(e)))?;
-            writeln!(file, "{line}").map_err(fail)?;
-        }
-        file.persist(&path).map_err(|e| fail(e.error))?;
-        Ok(())
+        let lines: Vec<String> = self
+            .records
+            .iter()
+            .map(serde_json::to_string)
+            .collect::<std::result::Result<_, _>>()
+            .map_err(|e| fail(e.into()))?;
+        atomic::write(&path, |out| lines.iter().try_for_each(|line| writeln!(out, "{line}")))
     }
 }
 

@@ -1,10 +1,10 @@
 use super::batch::{Batch, picked};
 use super::learner::{Learner, State, circle_loss};
-use super::*;
-use crate::descriptor::mini_spin_net::{RADII, Weights};
 use super::module::{MAP, MiniSpinNet, Mode, parameters_of, statistics_of, values, weights_from};
+use super::*;
+use crate::Silent;
+use crate::descriptor::mini_spin_net::{RADII, Weights};
 use crate::geometry::{Point, RigidMotion};
-use crate::monitor::Silent;
 use crate::scan::Surface;
 use burn::tensor::{Device, Tensor, TensorData};
 use nalgebra::Vector3;
@@ -42,7 +42,7 @@ fn scene(seed: u64) -> Vec<PosedSurface> {
         let points: Vec<Point> =
             (0..10_000).map(at).map(|(x, y)| back * Point::new(x, y, height(x, y))).collect();
         let viewpoint = back * Point::new(0.0, 0.0, 3.0);
-        let normals = crate::preprocessing::surface::normals(&points, &viewpoint, 0.1);
+        let normals = crate::preprocessing::normals(&points, &viewpoint, 0.1);
         PosedSurface {
             surface: Surface { points, normals, viewpoint, ..Surface::default() },
             viewpoint,
@@ -196,7 +196,7 @@ fn a_resumed_run_equals_one_that_never_stopped_and_the_loss_falls() {
 
     /// Stops after some steps.
     struct Stopper(std::sync::atomic::AtomicUsize);
-    impl crate::monitor::Monitor for Stopper {
+    impl crate::Monitor for Stopper {
         fn cancelled(&self) -> bool {
             self.0.fetch_add(1, std::sync::atomic::Ordering::Relaxed) >= 14
         }
@@ -246,7 +246,7 @@ fn the_learning_rate_falls_over_the_last_steps_alone() {
 fn the_log_is_written_before_the_state_it_belongs_to() {
     /// Puts a folder where the state would go.
     struct Blocked(std::path::PathBuf);
-    impl crate::monitor::Monitor for Blocked {
+    impl crate::Monitor for Blocked {
         fn advance(&self, _: usize) {
             std::fs::create_dir_all(self.0.join("in the way")).unwrap();
         }

@@ -1,12 +1,12 @@
-//! What one training step looks at: crops of one scene's scans, and their true overlap.
+//! Input of one training step: crops of one scene's scans, and their true overlap.
 
 use super::TrainConfig;
 use super::targets::overlap_matrix;
-use crate::error::{Error, Result};
-use crate::geometry::rigid::PointMover;
+use crate::geometry::PointMover;
 use crate::geometry::{Point, RigidMotion};
 use crate::random::generator;
 use crate::scan::{Features, SimilarityMatrix};
+use crate::{Error, Result};
 use rand::RngExt;
 use rand::seq::SliceRandom;
 use rayon::prelude::*;

@@ -1,7 +1,7 @@
 //! Settings of a training run.
 
-use crate::error::{Error, Result};
 use crate::retrieval::{BiasRule, SimilaritySource};
+use crate::{Error, Result};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -31,7 +31,7 @@ pub struct TrainConfig {
     pub bias: BiasRule,
     /// NetVLAD starting centroids.
     pub centroids: CentroidStart,
-    /// Most descriptors that k-means looks at.
+    /// Most descriptors used by k-means.
     pub kmeans_sample: usize,
     /// Most rounds of k-means.
     pub kmeans_rounds: usize,

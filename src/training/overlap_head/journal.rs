@@ -1,8 +1,9 @@
 //! The run's log: one JSON record a line, and a picture of its curves.
 
 use super::validation::Validation;
-use crate::error::{Error, Result};
+use crate::atomic;
 use crate::training::run_folder;
+use crate::{Error, Result};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -82,20 +83,11 @@ impl Journal {
             lines += &line;
             lines.push('\n');
         }
-        replace(&self.folder.join(run_folder::METRICS), lines.as_bytes())?;
+        atomic::write(&self.folder.join(run_folder::METRICS), |out| out.write_all(lines.as_bytes()))?;
         let path = self.folder.join(run_folder::CURVES);
         let picture = curves(&self.records).map_err(|e| Error::write(&path, std::io::Error::other(e)))?;
-        replace(&path, picture.as_bytes())
+        atomic::write(&path, |out| out.write_all(picture.as_bytes()))
     }
-}
-
-/// Writes a file beside `path` and renames it over it.
-fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
-    let folder = path.parent().unwrap_or(Path::new("."));
-    let mut file = tempfile::NamedTempFile::new_in(folder).map_err(|e| Error::write(path, e))?;
-    file.write_all(bytes).map_err(|e| Error::write(path, e))?;
-    file.persist(path).map_err(|e| Error::write(path, e.error))?;
-    Ok(())
 }
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;

@@ -2,11 +2,11 @@
 
 use super::TrainConfig;
 use super::batch::Batch;
-use crate::error::{Error, Result};
-use crate::retrieval::checkpoint::OptimizerState;
 use super::layers::{HeadLayer, values};
 use crate::retrieval::HeadWeights;
+use crate::retrieval::OptimizerState;
 use crate::scan::SimilarityMatrix;
+use crate::{Error, Result};
 use burn::nn::loss::SmoothL1LossConfig;
 use burn::optim::decay::WeightDecayConfig;
 use burn::optim::{Adam, AdamConfig, AdamState, AdaptiveMomentumState, Optimizer};
@@ -126,11 +126,11 @@ pub(super) fn overlap_loss(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::retrieval::gem::Gem;
-    use crate::scan::Descriptors;
     use crate::random::generator;
-    use crate::retrieval::netvlad::{BiasRule, NetVladConfig};
-    use crate::retrieval::similarity::similarity;
+    use crate::retrieval::Gem;
+    use crate::retrieval::similarity;
+    use crate::retrieval::{BiasRule, NetVladConfig};
+    use crate::scan::Descriptors;
     use rand::RngExt;
 
     fn targets(n: usize) -> SimilarityMatrix {

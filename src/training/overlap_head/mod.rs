@@ -27,10 +27,10 @@ pub use journal::Record;
 pub use targets::overlap_matrix;
 pub use validation::Validation;
 
-use crate::retrieval::DescriptorTag;
+use crate::Monitor;
 use crate::evaluation::retrieval_scores::RetrievalScores;
-use crate::error::{Error, Result};
-use crate::monitor::Monitor;
+use crate::retrieval::DescriptorTag;
+use crate::{Error, Result};
 use batch::PreparedScene;
 use burn::tensor::Device;
 use run::{Clock, Run};

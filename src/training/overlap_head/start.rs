@@ -2,11 +2,11 @@
 
 use super::config::{CentroidStart, TrainConfig};
 use super::{TrainingData, TrainingScene};
-use crate::retrieval::checkpoint::DataSummary;
-use crate::retrieval::gem::Gem;
-use crate::retrieval::head::HeadWeights;
-use crate::retrieval::kmeans::{KmeansConfig, kmeans};
-use crate::retrieval::netvlad::NetVladConfig;
+use crate::retrieval::DataSummary;
+use crate::retrieval::Gem;
+use crate::retrieval::HeadWeights;
+use crate::retrieval::NetVladConfig;
+use crate::retrieval::{KmeansConfig, kmeans};
 use crate::retrieval::{SimilaritySource, gem_shift};
 
 /// Weights before the first step.

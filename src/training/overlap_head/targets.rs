@@ -1,6 +1,6 @@
 //! True overlap of many posed point sets at once.
 
-use crate::error::Result;
+use crate::Result;
 use crate::geometry::Point;
 use crate::scan::SimilarityMatrix;
 use rayon::prelude::*;
@@ -201,9 +201,9 @@ impl Around {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::RadiusGrid;
     use crate::geometry::RigidMotion;
-    use crate::geometry::neighbours::RadiusGrid;
-    use crate::geometry::overlap::two_way_overlap;
+    use crate::geometry::two_way_overlap;
     use crate::random::generator;
     use rand::RngExt;
 

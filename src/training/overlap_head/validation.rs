@@ -3,13 +3,13 @@
 use super::batch::TrainingScene;
 use super::targets::overlap_matrix;
 use super::{TrainConfig, TrainingData};
-use crate::error::Result;
-use crate::monitor::{Monitor, Silent};
-use crate::retrieval::head::{Head, global_features};
+use crate::Result;
 use crate::evaluation::retrieval_scores::RetrievalScores;
-use crate::retrieval::similarity::similarity_matrix;
+use crate::retrieval::similarity_matrix;
+use crate::retrieval::{Head, global_features};
 use crate::retrieval::{RetrievalConfig, SimilaritySource, choose_head};
 use crate::scan::{Descriptors, SimilarityMatrix};
+use crate::{Monitor, Silent};
 use serde::{Deserialize, Serialize};
 
 /// Scores of one head on every validation scene and on average.

@@ -72,8 +72,8 @@ pub fn read_poses(path: &Path) -> Result<Poses> {
     let poses: Poses = serde_json::from_str(&text)
         .with_context(|| format!("{place}: no poses.json of `scanweave register`"))?;
     ensure!(
-        poses.format == "scanweave-poses" && poses.version == 1,
-        "{place}: {} of version {}; expected scanweave-poses of version 1",
+        poses.format == "scanweave-poses" && poses.version == 2,
+        "{place}: {} of version {}; expected scanweave-poses of version 2",
         poses.format,
         poses.version
     );

@@ -12,18 +12,18 @@ use std::path::Path;
 
 /// Two models and a scan that was left out. The second scan is turned by a quarter about z.
 const POSES: &str = r#"{
-  "format": "scanweave-poses", "version": 1, "generator": "test",
+  "format": "scanweave-poses", "version": 2, "generator": "test",
   "components": [{"pivot": 0, "scans": [0, 1]}, {"pivot": 2, "scans": [2]}],
   "scans": [
     {"id": 0, "name": "a/b c", "file": null, "origin_m": [0,0,0], "outcome": "placed", "component": 0, "step": 0,
      "world_from_scan": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]], "quaternion_xyzw": [0,0,0,1],
-     "parent": null, "matches": 0, "inliers": 0, "inlier_ratio": 0, "residual_m": 0, "support": null, "neighbours": []},
+     "parent": null, "matches": 0, "inliers": 0, "inlier_ratio": 0, "residual_m": 0, "evidence": null, "neighbours": []},
     {"id": 1, "name": "<b>", "file": null, "origin_m": [0,0,0], "outcome": "placed", "component": 0, "step": 1,
      "world_from_scan": [[0,-1,0,1],[1,0,0,2],[0,0,1,3],[0,0,0,1]], "quaternion_xyzw": [0,0,0.7071067811865476,0.7071067811865476],
-     "parent": 0, "matches": 310, "inliers": 83, "inlier_ratio": 0.27, "residual_m": 0, "support": null, "neighbours": []},
+     "parent": 0, "matches": 310, "inliers": 83, "inlier_ratio": 0.27, "residual_m": 0, "evidence": null, "neighbours": []},
     {"id": 2, "name": "c", "file": null, "origin_m": [0,0,0], "outcome": "placed", "component": 1, "step": 0,
      "world_from_scan": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]], "quaternion_xyzw": [0,0,0,1],
-     "parent": null, "matches": 0, "inliers": 0, "inlier_ratio": 0, "residual_m": 0, "support": null, "neighbours": []},
+     "parent": null, "matches": 0, "inliers": 0, "inlier_ratio": 0, "residual_m": 0, "evidence": null, "neighbours": []},
     {"id": 3, "name": "d", "file": null, "origin_m": [0,0,0], "outcome": "declined",
      "decline": {"reason": "too-few-keypoints", "keypoints": 0, "needed": 3}, "explanation": "no keypoints"}
   ]
@@ -130,9 +130,9 @@ fn what_does_not_fit_is_one_clear_error_and_nothing_is_written() {
     };
     refused("poses.json: cannot read it");
     result(place.path());
-    std::fs::write(place.path().join("poses.json"), POSES.replace("\"version\": 1", "\"version\": 2"))
+    std::fs::write(place.path().join("poses.json"), POSES.replace("\"version\": 2", "\"version\": 3"))
         .unwrap();
-    refused("version 2");
+    refused("version 3");
     std::fs::write(place.path().join("poses.json"), POSES.replace("\"parent\": 0", "\"parent\": 9")).unwrap();
     refused("<b>");
     result(place.path());

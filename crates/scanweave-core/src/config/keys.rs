@@ -42,6 +42,9 @@ impl Keys {
                 return Err(self.unknown(source, &path, known.keys().copied()));
             };
             match value {
+                _ if key == KIND && kinds(schema).is_some() => {
+                    self.check_kind(schema, source, &path, value)?
+                }
                 Value::Table(inner) if !properties(child).is_empty() => {
                     self.check_table(child, source, &path, inner)?;
                 }
@@ -61,6 +64,34 @@ impl Keys {
             }
         }
         Ok(())
+    }
+
+    /// Refuses a kind that there is not.
+    fn check_kind(&self, schema: &Json, source: &str, path: &str, value: &Value) -> Result<()> {
+        let names: Vec<&str> = kinds(schema).into_iter().flatten().map(|kind| kind.0).collect();
+        if value.as_str().is_some_and(|name| names.contains(&name)) {
+            return Ok(());
+        }
+        Err(Error::setting(
+            format!("{source}: {path}"),
+            describe(value),
+            format!("one of {}", names.iter().map(|n| format!("\"{n}\"")).collect::<Vec<_>>().join(", ")),
+            "correct the value; `scanweave config` prints every setting",
+        ))
+    }
+
+    /// Lays `top` over `base`, table by table. Where that chooses another kind, settings that only the
+    /// former kind had are dropped: they were values of something that is no more there.
+    pub fn overlay(&self, base: &mut Table, top: &Table) {
+        overlay(&self.schema, base, top);
+    }
+
+    /// Refuses settings that the chosen kind does not have: they would have no effect.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming the key, its source by `source_of`, and the settings there are.
+    pub fn check_kinds<'s>(&self, table: &Table, source_of: impl Fn(&str) -> Option<&'s str>) -> Result<()> {
+        check_kinds(&self.schema, "", table, &source_of)
     }
 
     fn misfit(&self, source: &str, path: &str, value: &Value, schema: &Json) -> Error {
@@ -94,6 +125,76 @@ impl Keys {
             "rename or remove it; `scanweave config` prints every setting",
         )
     }
+}
+
+/// The key that chooses among kinds of settings.
+const KIND: &str = "kind";
+
+/// The settings of every kind, where a table has kinds.
+fn kinds(schema: &Json) -> Option<Vec<(&str, BTreeMap<&str, &Json>)>> {
+    let named = |choice| {
+        let known = properties(choice);
+        let name = known.get(KIND)?.get("const")?.as_str()?;
+        Some((name, known))
+    };
+    let kinds: Vec<_> = choices(schema).map(named).collect::<Option<_>>()?;
+    (!kinds.is_empty()).then_some(kinds)
+}
+
+/// The settings of the kind that a table has chosen.
+fn chosen<'s>(schema: &'s Json, table: &Table) -> Option<(&'s str, BTreeMap<&'s str, &'s Json>)> {
+    let kind = table.get(KIND)?.as_str()?;
+    kinds(schema)?.into_iter().find(|(name, _)| *name == kind)
+}
+
+fn overlay(schema: &Json, base: &mut Table, top: &Table) {
+    let known = properties(schema);
+    for (key, value) in top {
+        match (base.get_mut(key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => {
+                let child = known.get(key.as_str()).copied().unwrap_or(&Json::Null);
+                let other_kind = above.get(KIND).is_some_and(|kind| below.get(KIND) != Some(kind));
+                if let Some((_, settings)) = chosen(child, above).filter(|_| other_kind) {
+                    below.retain(|key, _| settings.contains_key(key));
+                }
+                overlay(child, below, above);
+            }
+            _ => {
+                base.insert(key.clone(), value.clone());
+            }
+        }
+    }
+}
+
+fn check_kinds<'s>(
+    schema: &Json,
+    prefix: &str,
+    table: &Table,
+    source_of: &impl Fn(&str) -> Option<&'s str>,
+) -> Result<()> {
+    let known = properties(schema);
+    let dotted = |key: &str| if prefix.is_empty() { key.to_owned() } else { format!("{prefix}.{key}") };
+    if let Some((kind, settings)) = chosen(schema, table)
+        && let Some(key) = table.keys().find(|key| !settings.contains_key(key.as_str()))
+    {
+        let path = dotted(key);
+        let named = source_of(&path).map_or_else(|| path.clone(), |source| format!("{source}: {path}"));
+        let others = kinds(schema).into_iter().flatten().filter(|(_, s)| s.contains_key(key.as_str()));
+        let others: Vec<String> = others.map(|(name, _)| format!("\"{name}\"")).collect();
+        let own: Vec<&str> = settings.keys().copied().filter(|k| *k != KIND).collect();
+        return Err(Error::setting(
+            named,
+            format!("a value, which has no effect with {} = \"{kind}\"", dotted(KIND)),
+            format!("settings of that kind: {}", own.join(", ")),
+            format!("leave it out, or set {} to {}", dotted(KIND), others.join(" or ")),
+        ));
+    }
+    for (key, value) in table {
+        if let (Value::Table(inner), Some(child)) = (value, known.get(key.as_str())) {
+            check_kinds(child, &dotted(key), inner, source_of)?;
+        }
+    }
+    Ok(())
 }
 
 fn collect_leaves(schema: &Json, prefix: &str, all: &mut Vec<String>) {

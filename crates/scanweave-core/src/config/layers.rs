@@ -72,7 +72,7 @@ impl Layers {
             return Err(Error::setting(
                 "--set",
                 format!("`{assignment}`"),
-                "key=value, as in registration.shortlist=5",
+                "key=value, as in scale.voxel_m=0.05",
                 "add `=` and a value",
             ));
         };
@@ -98,7 +98,7 @@ impl Layers {
     /// [`Error::Setting`] for an unknown key or a value of the wrong type.
     pub fn add(&mut self, source: &str, table: Table) -> Result<()> {
         self.keys.check(source, &table)?;
-        overlay(&mut self.table, &table);
+        self.keys.overlay(&mut self.table, &table);
         self.sources.push((source.to_owned(), table));
         Ok(())
     }
@@ -116,25 +116,15 @@ impl Layers {
     /// The settings as the config type.
     ///
     /// # Errors
-    /// [`Error::Setting`] when a value does not fit in a way the schema does not tell.
+    /// [`Error::Setting`] for a setting without effect, and when a value does not fit in a way the
+    /// schema does not tell.
     pub fn read<C: DeserializeOwned>(&self) -> Result<C> {
+        self.keys.check_kinds(&self.table, |key| self.source_of(key))?;
         Value::Table(self.table.clone()).try_into().map_err(|e: toml::de::Error| {
             let text = e.to_string();
             let text = text.trim().replace('\n', " ");
             Error::setting("configuration", text, "values of the documented types", "see `scanweave config`")
         })
-    }
-}
-
-/// Puts `top` over `base`, table by table.
-fn overlay(base: &mut Table, top: &Table) {
-    for (key, value) in top {
-        match (base.get_mut(key), value) {
-            (Some(Value::Table(below)), Value::Table(above)) => overlay(below, above),
-            _ => {
-                base.insert(key.clone(), value.clone());
-            }
-        }
     }
 }
 

@@ -29,9 +29,9 @@ pub const DEFAULT_PRESET: &str = "default";
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// Scan by scan against a growing model (Li et al. 2025).
+    /// Multiview registration by the strategy `registration.strategy`.
     #[default]
-    Incremental,
+    Multiview,
     /// Pairs first, then spectral synchronisation on SE(3) (Arrigoni et al. 2016).
     Eigse3,
     /// Pairs first, then rotation averaging with ℓ1 weights (Chatterjee & Govindu 2013).
@@ -53,7 +53,7 @@ impl Method {
     pub fn synchronization(self) -> Option<synchronization::Method> {
         use synchronization::Method as Global;
         match self {
-            Method::Incremental => None,
+            Method::Multiview => None,
             Method::Eigse3 => Some(Global::Eigse3),
             Method::L1Irls => Some(Global::L1Irls),
             Method::Rotavg => Some(Global::Rotavg),
@@ -69,7 +69,7 @@ impl std::fmt::Display for Method {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self.synchronization() {
             Some(method) => method.fmt(f),
-            None => f.write_str("incremental"),
+            None => f.write_str("multiview"),
         }
     }
 }
@@ -125,8 +125,8 @@ pub struct Config {
     pub descriptor: DescriptorConfig,
     /// Prediction of overlap.
     pub retrieval: RetrievalConfig,
-    /// Incremental registration; its estimator also registers pairs, and its joint refinement
-    /// ends every method.
+    /// Multiview registration; its estimator also registers the pairs of a pose graph, and its
+    /// multiview ICP ends every method.
     pub registration: RegistrationConfig,
     /// Pose graphs of the methods that register pairs first.
     pub synchronization: SynchronizationConfig,
@@ -180,6 +180,34 @@ impl Config {
         Ok(config)
     }
 
+    /// The method by name: the strategy where that decides.
+    pub fn method_name(&self) -> String {
+        match self.method {
+            Method::Multiview => self.registration.strategy.to_string(),
+            other => other.to_string(),
+        }
+    }
+
+    /// Refuses settings of pose graphs where no pose graph is made.
+    fn check_effects(&self) -> Result<()> {
+        let given = &self.synchronization;
+        let usual = SynchronizationConfig::default();
+        let key = match () {
+            () if self.method != Method::Multiview => return Ok(()),
+            () if given.graph != usual.graph => "graph",
+            () if given.neighbours != usual.neighbours => "neighbours",
+            () if given.max_median_distance != usual.max_median_distance => "max_median_distance",
+            () if given.lits_weights != usual.lits_weights => "lits_weights",
+            () => return Ok(()),
+        };
+        Err(Error::setting(
+            format!("synchronization.{key}"),
+            "a value, which has no effect with method = \"multiview\"",
+            "a method that makes a pose graph",
+            "leave it out, or set method to eigse3, l1-irls, rotavg, lits, hara, sghr or pose-graph",
+        ))
+    }
+
     /// Checks the ranges of every stage.
     ///
     /// # Errors
@@ -190,6 +218,7 @@ impl Config {
         self.retrieval.validate()?;
         self.registration.validate()?;
         self.synchronization.validate()?;
+        self.check_effects()?;
         self.output.validate()
     }
 

@@ -196,7 +196,8 @@ impl Describer {
                     PatchPoints::Cloud => &scan.cloud.points,
                 };
                 let (network, viewpoint) = (network.network(), &scan.cloud.viewpoint);
-                let values = mini_spin_net::descriptors(network, points, viewpoint, &keypoints, radius_m, seed);
+                let values =
+                    mini_spin_net::descriptors(network, points, viewpoint, &keypoints, radius_m, seed);
                 match self.config.kind {
                     DescriptorKind::MiniSpinNetFpfh => {
                         let dim = network.dim();

@@ -1,7 +1,7 @@
 //! Keypoints spread evenly over a surface.
 
-use crate::geometry::occupancy::size_for_occupancy;
 use crate::error::{Error, Result};
+use crate::geometry::occupancy::size_for_occupancy;
 use crate::geometry::voxel::VoxelGroups;
 use crate::geometry::{Direction, Point};
 use crate::scan::{Features, Surface};

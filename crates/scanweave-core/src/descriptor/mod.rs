@@ -6,9 +6,10 @@
 //! ```
 
 mod config;
-pub mod fpfh;
-pub mod keypoints;
+pub(crate) mod fpfh;
+pub(crate) mod keypoints;
 pub mod mini_spin_net;
 
 pub use config::{Describer, DescriptorConfig, DescriptorKind, PatchPoints, describe};
-pub use keypoints::KeypointConfig;
+pub use fpfh::{DIMENSION as FPFH_DIMENSION, descriptors as fpfh_descriptors};
+pub use keypoints::{KeypointConfig, choose as choose_keypoints, subsample as subsample_features};

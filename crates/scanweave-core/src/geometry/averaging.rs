@@ -1,4 +1,4 @@
-//! Averages of several observations of one pose (SPEC: transformation refinement).
+//! Averages of several observations of one pose (Li et al. 2025, algorithm 1).
 
 use super::rigid::{RigidMotion, motion, nearest_rotation};
 use nalgebra::{Matrix3, SMatrix, Vector3};

@@ -3,19 +3,27 @@
 //! Poses are [`RigidMotion`]s named `target_from_source`: they take source
 //! coordinates to target coordinates. Lengths are metres, angles radians.
 
-pub mod averaging;
-pub mod fit;
-pub mod nearest_map;
-pub mod occupancy;
-pub mod neighbours;
-pub mod overlap;
-pub mod rigid;
-pub mod sparse;
-pub mod spread;
-pub mod voxel;
+pub(crate) mod averaging;
+pub(crate) mod fit;
+pub(crate) mod nearest_map;
+pub(crate) mod neighbours;
+pub(crate) mod occupancy;
+pub(crate) mod overlap;
+pub(crate) mod rigid;
+pub(crate) mod sparse;
+pub(crate) mod spread;
+pub(crate) mod voxel;
 
-pub use neighbours::PointIndex;
-pub use rigid::RigidMotion;
+pub use averaging::*;
+pub use fit::*;
+pub use nearest_map::*;
+pub use neighbours::*;
+pub use occupancy::*;
+pub use overlap::*;
+pub use rigid::*;
+pub use sparse::*;
+pub use spread::*;
+pub use voxel::*;
 
 /// A point, metres.
 pub type Point = nalgebra::Point3<f32>;

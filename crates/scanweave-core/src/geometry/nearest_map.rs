@@ -19,7 +19,7 @@ const ROWS: usize = (SIDE * SIDE) as usize;
 /// Something of every voxel of a row.
 type Row<T> = [T; SIDE as usize];
 /// No point is near.
-pub const NOBODY: u32 = u32::MAX;
+pub const NO_POINT: u32 = u32::MAX;
 /// The same among few points.
 const NOBODY_OF_FEW: u16 = u16::MAX;
 /// A block's coordinates are kept in this many bits each.
@@ -164,7 +164,7 @@ impl Indices {
     fn get(&self, row: usize, voxel: usize) -> Option<usize> {
         match self {
             Self::Few(of) => Some(of[row][voxel]).filter(|&i| i != NOBODY_OF_FEW).map(usize::from),
-            Self::Many(of) => Some(of[row][voxel]).filter(|&i| i != NOBODY).map(|i| i as usize),
+            Self::Many(of) => Some(of[row][voxel]).filter(|&i| i != NO_POINT).map(|i| i as usize),
         }
     }
 }
@@ -196,7 +196,7 @@ impl NearestMap {
     /// The nearest point of every voxel.
     fn fill(&self, points: &[Point], of_blocks: &[&[([i32; 3], u32)]]) -> Vec<Row<u32>> {
         let rows = self.blocks.len() * ROWS;
-        let mut nearest = vec![[NOBODY; SIDE as usize]; rows];
+        let mut nearest = vec![[NO_POINT; SIDE as usize]; rows];
         // What is nearer than this is within reach.
         let mut squared = vec![[(REACH * REACH).next_up(); SIDE as usize]; rows];
         for of_block in of_blocks {
@@ -257,7 +257,7 @@ impl NearestMap {
         self.nearest.get(row, voxel)
     }
 
-    /// [`Self::near`] of every place, [`NOBODY`] for `None`. Maps lie in distant memory: here it is not
+    /// [`Self::near`] of every place, [`NO_POINT`] for `None`. Maps lie in distant memory: here it is not
     /// waited for one place at a time.
     pub fn near_each(&self, places: &[Point]) -> Vec<u32> {
         const NOWHERE: usize = usize::MAX;
@@ -279,9 +279,9 @@ impl NearestMap {
         }
         match &self.nearest {
             Indices::Few(of) => each(of, &voxels, NOBODY_OF_FEW)
-                .map(|i| if i == NOBODY_OF_FEW { NOBODY } else { u32::from(i) })
+                .map(|i| if i == NOBODY_OF_FEW { NO_POINT } else { u32::from(i) })
                 .collect(),
-            Indices::Many(of) => each(of, &voxels, NOBODY).collect(),
+            Indices::Many(of) => each(of, &voxels, NO_POINT).collect(),
         }
     }
 
@@ -325,7 +325,7 @@ mod tests {
                 // Independent of the map: every point is looked at.
                 let least = points.iter().map(|p| (p - q).norm()).min_by(f32::total_cmp);
                 let each = map.near_each(std::slice::from_ref(q));
-                prop_assert_eq!(each, vec![map.near(q).map_or(NOBODY, |i| i as u32)]);
+                prop_assert_eq!(each, vec![map.near(q).map_or(NO_POINT, |i| i as u32)]);
                 match (map.near(q), least) {
                     (Some(i), Some(least)) => prop_assert!((points[i] - q).norm() <= least + diagonal + 1e-5),
                     (Some(_), None) => prop_assert!(false, "found a point of none"),

@@ -1,7 +1,7 @@
 //! Rigid motions: conversion, errors, application to single-precision points.
 
 use super::{Direction, Point};
-use nalgebra::{Point3, Isometry3, Matrix3, Matrix4, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Matrix4, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// A rotation and a translation, `target_from_source`.
 pub type RigidMotion = Isometry3<f64>;

@@ -44,4 +44,3 @@ impl Spread {
         Some(eigen.eigenvectors.column(least).normalize().cast::<f32>())
     }
 }
-

@@ -1,8 +1,8 @@
 //! Depth images as single-frame scans.
 
-use super::assemble::{NO_COLORS, assemble};
 use super::scalar::parse_number;
 use crate::error::{Error, Result};
+use crate::scan::assemble::{NO_COLORS, assemble};
 use crate::scan::{self, PointCloud};
 use std::fs;
 use std::io::Cursor;

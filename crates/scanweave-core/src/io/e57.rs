@@ -1,8 +1,8 @@
 //! E57 (terrestrial laser scans), with cargo feature `e57`.
 
-use super::assemble::{NO_COLORS, assemble};
 use crate::error::{Error, Result};
 use crate::scan::PointCloud;
+use crate::scan::assemble::{NO_COLORS, assemble};
 use std::path::Path;
 
 /// Reads all scans of an E57 file, each moved by its own pose into the file's frame.

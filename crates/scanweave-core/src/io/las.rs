@@ -1,8 +1,8 @@
 //! LAS and LAZ (airborne and terrestrial laser scans), with cargo feature `las`.
 
-use super::assemble::{NO_COLORS, assemble};
 use crate::error::{Error, Result};
 use crate::scan::PointCloud;
+use crate::scan::assemble::{NO_COLORS, assemble};
 use std::path::Path;
 
 /// Reads a LAS or LAZ file; 16-bit colours are scaled to bytes.

@@ -4,9 +4,8 @@
 //! files, [`read_scans`] reads many; everything that is written goes through
 //! [`atomic::write`].
 
-mod assemble;
-pub mod atomic;
 mod cloud;
+mod colors;
 pub mod dataset;
 pub mod depth;
 mod discover;
@@ -31,6 +30,7 @@ mod text;
 pub mod write_dataset;
 mod write_ply;
 
+pub use crate::atomic;
 pub use cloud::read_cloud;
 pub use discover::{discover, scan_files};
 pub use merged::read_merged;

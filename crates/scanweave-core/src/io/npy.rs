@@ -3,10 +3,10 @@
 //! The header is read here rather than through `ndarray-npy`, which reserves
 //! whatever shape a header claims and needs the number type to be known before.
 
-use super::assemble::{NO_COLORS, assemble};
 use super::scalar::{Endian, Scalar};
 use crate::error::{Error, Result};
 use crate::scan::PointCloud;
+use crate::scan::assemble::{NO_COLORS, assemble};
 use std::io::{Cursor, Read};
 use std::path::Path;
 

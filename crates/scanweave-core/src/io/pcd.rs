@@ -1,11 +1,12 @@
 //! PCD (Point Cloud Library): ASCII, binary and binary_compressed; organised clouds with NaN; colours.
 
-use super::assemble::{NO_COLORS, assemble, channels_to_bytes};
+use super::colors::channels_to_bytes;
 use super::lzf;
 use super::pcd_header::{CUT_SHORT, Color, Encoding, Header, Place, parse_header};
 use super::scalar::{Endian, Scalar, counted, parse_number};
 use crate::error::{Error, Result};
 use crate::scan::PointCloud;
+use crate::scan::assemble::{NO_COLORS, assemble};
 use std::path::Path;
 
 /// Reads the points (and colours, where there are any) of a PCD file's `bytes`.

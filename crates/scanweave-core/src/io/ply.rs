@@ -3,11 +3,12 @@
 //! Binary files whose vertex rows have a fixed length, the usual case, are read
 //! in place. Anything else goes row by row.
 
-use super::assemble::{NO_COLORS, assemble, channels_to_bytes};
+use super::colors::channels_to_bytes;
 use super::ply_header::{self, Element, Encoding, Header, Kind};
 use super::scalar::{Endian, Scalar, counted, parse_number};
 use crate::error::{Error, Result};
 use crate::scan::PointCloud;
+use crate::scan::assemble::{NO_COLORS, assemble};
 use std::path::Path;
 
 /// Which properties of the vertex element are read.

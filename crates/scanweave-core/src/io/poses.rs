@@ -4,8 +4,8 @@
 //! roughly (the 3DMatch kitchen: to 6e-4). They are repaired to the nearest rotation, and how
 //! far they were off is returned with them as [`Repaired`].
 
-use super::atomic;
 use super::scalar::parse_number;
+use crate::atomic;
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::geometry::rigid::motion_from_matrix;

@@ -5,10 +5,11 @@
 //! of points may stand before the rows. Where a semicolon separates, a comma is
 //! the decimal mark.
 
-use super::assemble::{NO_COLORS, assemble, channels_to_bytes};
+use super::colors::channels_to_bytes;
 use super::scalar::{counted, parse_number};
 use crate::error::{Error, Result};
 use crate::scan::PointCloud;
+use crate::scan::assemble::{NO_COLORS, assemble};
 use std::path::Path;
 
 /// Which columns hold what, from the line of names.

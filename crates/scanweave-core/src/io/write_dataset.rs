@@ -1,8 +1,8 @@
 //! Writing data sets in the layouts that [`dataset`](super::dataset) reads.
 
-use super::atomic;
 use super::poses::{self, InfoEntry, LogEntry};
 use super::write_ply::{PlyCloud, write_ply};
+use crate::atomic;
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::scan::{PairTruth, ScanId, SimilarityMatrix};

@@ -1,6 +1,6 @@
 //! Writing clouds as binary PLY.
 
-use super::atomic;
+use crate::atomic;
 use crate::error::{Error, Result};
 use crate::geometry::{Direction, Point};
 use std::io::Write;

@@ -4,12 +4,16 @@
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
+use crate::geometry::neighbours::RadiusGrid;
 use crate::io::{self, pairs::Pairs};
 use crate::monitor::Monitor;
-use crate::registration::{Lengths, ScanInput};
-use crate::registration::multiview_icp::{JointScan, refine_jointly};
-use crate::registration::pairwise::edge::{MIN_INLIERS, Pairwise};
+use crate::registration::canonical_order::CanonicalOrder;
+use crate::registration::input::MIN_KEYPOINTS;
+use crate::registration::multiview_icp::{PosedScan, refine_poses};
+use crate::registration::neighbours::neighbours;
+use crate::registration::pairwise::edge::EdgeRegistrar;
 use crate::registration::scan_model::ScanModel;
+use crate::registration::{Lengths, ScanInput};
 use crate::scan::{
     DeclineReason, Outcome, PairKey, PairRegistration, PoseEdge, PoseGraph, Reconstruction, ScanId,
     SimilarityMatrix,
@@ -97,16 +101,18 @@ pub(super) fn synchronize(
         _ => None,
     };
     synchronization::check_weights(method, lits.as_ref())?;
-    let pairwise = Pairwise::new(inputs, &config.registration, lengths, config.seed);
+    let order = CanonicalOrder::new(inputs);
+    let (inputs, similarity) = (&order.scans(inputs), &order.similarity(similarity)?);
+    let pairwise = EdgeRegistrar::new(inputs, &config.registration.estimator, lengths, config.seed);
     let graph = pose_graph(&pairwise, similarity, config, lengths, cache, monitor)?;
     let mut reconstruction = synchronization::synchronize(&graph, method, lits.as_ref(), monitor)?;
-    finish(&mut reconstruction, inputs, &pairwise, config, lengths, monitor)?;
-    Ok((graph, reconstruction))
+    finish(&mut reconstruction, inputs, config, lengths, monitor)?;
+    Ok((order.restore_graph(graph), order.restore(reconstruction)))
 }
 
 /// Registers the pairs that the settings ask for and are not known yet.
 fn pose_graph(
-    pairwise: &Pairwise<'_>,
+    pairwise: &EdgeRegistrar<'_>,
     similarity: &SimilarityMatrix,
     config: &Config,
     lengths: Lengths,
@@ -128,7 +134,7 @@ fn pose_graph(
         known.extend(new);
         cache.keep(&settings, known.clone())?;
     }
-    let min_inliers = config.registration.evidence.min_inliers.max(MIN_INLIERS);
+    let min_inliers = config.registration.verification.min_inliers().max(MIN_KEYPOINTS);
     let (mut registration_seconds, mut reused_seconds) = (0.0, 0.0);
     let (mut edges, mut best) = (Vec::new(), vec![PairRegistration::default(); similarity.len()]);
     for &(i, j) in &pairs {
@@ -164,7 +170,11 @@ fn pose_graph(
 }
 
 /// Registers pairs, each with its share of the time they took together.
-fn register_all(pairwise: &Pairwise<'_>, pairs: &[(ScanId, ScanId)], monitor: &dyn Monitor) -> Result<Pairs> {
+fn register_all(
+    pairwise: &EdgeRegistrar<'_>,
+    pairs: &[(ScanId, ScanId)],
+    monitor: &dyn Monitor,
+) -> Result<Pairs> {
     let start = Instant::now();
     monitor.begin(STAGE, pairs.len());
     let registered: Vec<Result<(PairKey, PairRegistration)>> = pairs
@@ -195,11 +205,14 @@ fn without_edge(best: &PairRegistration, needed: usize) -> DeclineReason {
 fn finish(
     reconstruction: &mut Reconstruction,
     inputs: &[ScanInput<'_>],
-    pairwise: &Pairwise<'_>,
     config: &Config,
     lengths: Lengths,
     monitor: &dyn Monitor,
 ) -> Result<()> {
+    let grids: Vec<RadiusGrid<'_>> = inputs
+        .par_iter()
+        .map(|s| RadiusGrid::new(&s.features.keypoints, lengths.inlier_radius_m as f32))
+        .collect();
     for component in 0..reconstruction.components() {
         let mut members: Vec<(usize, ScanId, RigidMotion)> = reconstruction
             .outcomes
@@ -212,23 +225,22 @@ fn finish(
         // The pivot first: it fixes the frame.
         members.sort_by_key(|m| m.0);
         let mut poses: Vec<(ScanId, RigidMotion)> = members.into_iter().map(|m| (m.1, m.2)).collect();
-        if config.registration.joint.enabled {
+        if config.registration.multiview_icp.enabled {
             let radius_m = lengths.inlier_radius_m as f32;
             let models: Vec<ScanModel<'_>> = poses
                 .par_iter()
                 .map(|(scan, _)| ScanModel::new(inputs[scan.0].surface, radius_m, &config.registration))
                 .collect();
-            let scans: Vec<JointScan<'_>> = poses
+            let scans: Vec<PosedScan<'_>> = poses
                 .iter()
                 .zip(&models)
-                .map(|((_, pose), model)| JointScan { model, world_from_scan: *pose })
+                .map(|((_, pose), model)| PosedScan { model, world_from_scan: *pose })
                 .collect();
             let refined =
-                refine_jointly(&scans, &config.registration.joint, lengths.inlier_radius_m, monitor)?;
+                refine_poses(&scans, &config.registration.multiview_icp, lengths.inlier_radius_m, monitor)?;
             poses.iter_mut().zip(refined).for_each(|(member, pose)| member.1 = pose);
         }
-        let neighbours: Vec<_> =
-            (0..poses.len()).into_par_iter().map(|of| pairwise.neighbours(&poses, of)).collect();
+        let neighbours = neighbours(&poses, &grids, &[]);
         for ((scan, pose), neighbours) in poses.into_iter().zip(neighbours) {
             if let Outcome::Placed(placement) = &mut reconstruction.outcomes[scan.0] {
                 placement.world_from_scan = pose;

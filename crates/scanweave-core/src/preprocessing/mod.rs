@@ -5,7 +5,8 @@
 //! PointCloud ─ surface::thin ─▶ Surface
 //! ```
 
-pub mod scale;
-pub mod surface;
+pub(crate) mod scale;
+pub(crate) mod surface;
 
-pub use scale::{ScaleChoice, ScaleConfig, ScaleWarning};
+pub use scale::{ScaleChoice, ScaleConfig, ScaleWarning, choose as choose_scale};
+pub use surface::{normals, thin};

@@ -5,9 +5,9 @@
 //! sampling of the scans: at most two thirds of a scan's points may get a cell of their
 //! own. A 25 cm object, a kitchen and a 50 m facade thus meet the same algorithm.
 
-use crate::geometry::occupancy::{distinct_positions, size_for_occupancy};
 use crate::error::{Error, Result};
 use crate::geometry::Point;
+use crate::geometry::occupancy::{distinct_positions, size_for_occupancy};
 use crate::scan::{PointCloud, WorkingScale, length, rounded};
 use rayon::prelude::*;
 use schemars::JsonSchema;

@@ -12,16 +12,16 @@ use rayon::prelude::*;
 pub fn thin(cloud: &PointCloud, scale: &WorkingScale) -> Surface {
     let points = voxel_means(&cloud.points, scale.voxel_m as f32);
     let normals = normals(&points, &cloud.viewpoint, scale.normal_radius_m as f32);
-    let shades = match &cloud.colors {
-        Some(colors) => shades(&VoxelGroups::new(&cloud.points, scale.voxel_m as f32), colors),
+    let intensities = match &cloud.colors {
+        Some(colors) => intensities(&VoxelGroups::new(&cloud.points, scale.voxel_m as f32), colors),
         None => Vec::new(),
     };
-    Surface { points, normals, viewpoint: cloud.viewpoint, shades }
+    Surface { points, normals, viewpoint: cloud.viewpoint, intensities }
 }
 
 /// Mean brightness of every group of points in `[0, 1]`: luma of the colours as they are stored
 /// (ITU-R BT.601).
-fn shades(groups: &VoxelGroups, colors: &[[u8; 3]]) -> Vec<f32> {
+fn intensities(groups: &VoxelGroups, colors: &[[u8; 3]]) -> Vec<f32> {
     const LUMA: [f32; 3] = [0.299, 0.587, 0.114];
     let luma = |color: [u8; 3]| color.iter().zip(LUMA).map(|(&c, w)| w * f32::from(c)).sum::<f32>() / 255.0;
     let mean = |group: &[u32]| {

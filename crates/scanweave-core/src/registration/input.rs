@@ -11,7 +11,7 @@ pub const MIN_KEYPOINTS: usize = 3;
 pub struct ScanInput<'a> {
     /// Keypoints and descriptors.
     pub features: &'a Features,
-    /// The thinned surface with normals, for evidence and joint refinement.
+    /// The thinned surface with normals, for evidence and multiview ICP.
     pub surface: &'a Surface,
 }
 
@@ -45,5 +45,26 @@ pub(super) fn check_shapes(scans: &[ScanInput<'_>], similarity: &SimilarityMatri
             format!("dimension {dim}, as in scan {}", ScanId(first)),
             "compute the features of all scans with one descriptor",
         )),
+    }
+}
+
+/// What a scan is, whatever it is called and wherever it stands in the input.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct ContentDigest(pub [u8; 16]);
+
+impl ContentDigest {
+    /// Of keypoints, descriptors and surface.
+    pub fn of(scan: &ScanInput<'_>) -> Self {
+        let mut hasher = blake3::Hasher::new();
+        let mut add = |values: &mut dyn Iterator<Item = f32>| {
+            let bytes: Vec<u8> = values.flat_map(f32::to_le_bytes).collect();
+            hasher.update(&(bytes.len() as u64).to_le_bytes()).update(&bytes);
+        };
+        add(&mut scan.features.keypoints.iter().flat_map(|p| [p.x, p.y, p.z]));
+        add(&mut scan.features.descriptors.values().iter().copied());
+        add(&mut scan.surface.points.iter().flat_map(|p| [p.x, p.y, p.z]));
+        let mut digest = [0; 16];
+        digest.copy_from_slice(&hasher.finalize().as_bytes()[..16]);
+        Self(digest)
     }
 }

@@ -1,14 +1,36 @@
 //! Pairwise and multiview registration.
 
-pub mod agglomerative;
+pub(crate) mod agglomerative;
+pub(crate) mod canonical_order;
 pub mod config;
-pub mod incremental;
-pub mod input;
-pub mod multiview_icp;
-mod neighbours;
-pub mod pairwise;
-pub mod scan_model;
-pub mod verification;
+pub(crate) mod incremental;
+pub(crate) mod input;
+pub(crate) mod multiview_icp;
+pub(crate) mod neighbours;
+pub(crate) mod pairwise;
+pub(crate) mod scan_model;
+pub(crate) mod usability;
+pub(crate) mod verification;
+
+pub use agglomerative::pairs::{PairScorer, ScanPair, most_similar_pairs};
+pub use agglomerative::{Agglomeration, Component, Finished, Join, Proposal};
+pub use input::{ContentDigest, MIN_KEYPOINTS};
+pub use multiview_icp::{MatchedPair, PosedScan, close_loops, pose_covariances, refine_poses};
+pub use neighbours::neighbours;
+pub use pairwise::correspondences::Correspondences;
+pub use pairwise::edge::EdgeRegistrar;
+pub use pairwise::estimate::{Hypothesis, estimate};
+pub use pairwise::matching::{MatchTarget, Matches, NearestCache};
+pub use pairwise::nearest::{Best, Columns, Nearest, nearest_both};
+pub use pairwise::registrar::{PairHypotheses, PairRegistrar};
+pub use scan_model::{FreeSpace, ScanModel};
+pub use verification::alignment::align;
+pub use verification::probability::{
+    MOST_VIOLATION_OF_CORRECT, is_undecided, predictors, probability, viewpoints_are_reliable,
+    with_scan_count_prior,
+};
+pub use verification::surface_fit::{Posed, SurfaceFit, surface_fit};
+pub use verification::verifier::{ScoredHypothesis, Verifier};
 
 pub use config::RegistrationConfig;
 pub use input::{Lengths, ScanInput};
@@ -16,13 +38,14 @@ pub use input::{Lengths, ScanInput};
 use crate::error::Result;
 use crate::monitor::Monitor;
 use crate::scan::{Reconstruction, SimilarityMatrix};
+use canonical_order::CanonicalOrder;
 use config::Strategy;
 
 /// Registers all scans by the strategy of the settings. Scans that only fit each other form
 /// components of their own; what fits nowhere is declined.
 ///
-/// `similarity` is `[N,N]` for the N scans. The result depends on the inputs and `seed` alone, never
-/// on the number of threads.
+/// `similarity` is `[N,N]` for the N scans. The result depends on the content of the scans and `seed`
+/// alone: not on their order, their names or the number of threads.
 ///
 /// # Errors
 /// When the settings or shapes are unusable, or the monitor is cancelled.
@@ -36,8 +59,18 @@ pub fn register(
 ) -> Result<Reconstruction> {
     config.validate()?;
     input::check_shapes(scans, similarity)?;
-    match config.strategy {
-        Strategy::Grow => incremental::register(scans, similarity, config, lengths, seed, monitor),
-        Strategy::Assemble => agglomerative::register(scans, similarity, config, lengths, seed, monitor),
-    }
+    let order = CanonicalOrder::new(scans);
+    let (scans, similarity) = (&order.scans(scans), &order.similarity(similarity)?);
+    let reconstruction = match (&config.strategy, config.verification.surfaces()) {
+        (Strategy::Agglomerative(settings), Some(surfaces)) => {
+            let settings = (settings, surfaces);
+            agglomerative::register(scans, similarity, config, settings, lengths, seed, monitor)
+        }
+        (Strategy::Incremental(settings), _) => {
+            incremental::register(scans, similarity, config, settings, lengths, seed, monitor)
+        }
+        // Refused by `validate`.
+        (Strategy::Agglomerative(_), None) => Ok(Reconstruction::default()),
+    };
+    Ok(order.restore(reconstruction?))
 }

@@ -1,9 +1,9 @@
 //! Agreement of placed scans with those they touch, at their final poses.
 
-use crate::registration::scan_model::ScanModel;
 use crate::geometry::RigidMotion;
 use crate::geometry::neighbours::RadiusGrid;
 use crate::geometry::overlap::two_way_overlap;
+use crate::registration::scan_model::ScanModel;
 use crate::scan::{NeighbourEvidence, ScanId};
 use rayon::prelude::*;
 
@@ -14,7 +14,7 @@ const LEAST: f64 = 0.01;
 /// ordered by scan. Every pair is compared once: overlap is the same from both sides.
 ///
 /// `keypoints` holds those of every scan, indexed with radius τ; `models` their surfaces, or nothing.
-pub(super) fn neighbours(
+pub fn neighbours(
     members: &[(ScanId, RigidMotion)],
     keypoints: &[RadiusGrid<'_>],
     models: &[ScanModel<'_>],

@@ -201,9 +201,9 @@ mod tests {
             matches: 0,
             inliers: 0,
             residual_m: 0.0,
-            support: None,
+            evidence: None,
             neighbours: Vec::new(),
-            hold: None,
+            pose_uncertainty: None,
         }
     }
 

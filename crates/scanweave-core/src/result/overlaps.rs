@@ -1,6 +1,6 @@
 //! `overlap.csv`: predicted and verified overlap of every pair of scans.
 
-use super::poses::{Document, Verdict};
+use super::poses::{Document, EntryOutcome};
 use crate::error::{Error, Result};
 use crate::scan::SimilarityMatrix;
 use std::path::Path;
@@ -11,9 +11,9 @@ const HEAD: [&str; 4] = ["scan_a", "scan_b", "predicted", "verified"];
 /// and, where both are placed and touch, that measured at the final poses.
 pub fn csv(similarity: &SimilarityMatrix, document: &Document) -> String {
     let n = similarity.len();
-    let verified = |i: usize, j: usize| match &document.scans.get(i)?.verdict {
-        Verdict::Placed(pose) => pose.neighbours.iter().find(|n| n.scan.0 == j).map(|n| n.overlap),
-        Verdict::Declined { .. } => None,
+    let verified = |i: usize, j: usize| match &document.scans.get(i)?.outcome {
+        EntryOutcome::Placed(pose) => pose.neighbours.iter().find(|n| n.scan.0 == j).map(|n| n.overlap),
+        EntryOutcome::Declined { .. } => None,
     };
     let pairs = (0..n).flat_map(|i| (i + 1..n).map(move |j| (i, j)));
     let rows = pairs.map(|(i, j)| {
@@ -77,8 +77,8 @@ mod tests {
                 matches: 0,
                 inliers: 0,
                 residual_m: 0.0,
-                support: None,
-                hold: None,
+                evidence: None,
+                pose_uncertainty: None,
                 neighbours,
             })
         };

@@ -1,10 +1,11 @@
-//! `poses.json`: the verdict on every scan, for other programs (docs/poses-json.md).
+//! `poses.json`: the outcome on every scan, for other programs (docs/poses-json.md).
 
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::geometry::rigid::motion_from_matrix;
 use crate::scan::{
-    DeclineReason, Hold, NeighbourEvidence, Outcome, Placement, Reconstruction, Scan, ScanId, Support,
+    DeclineReason, Evidence, NeighbourEvidence, Outcome, Placement, PoseUncertainty, Reconstruction, Scan,
+    ScanId,
 };
 use nalgebra::Matrix4;
 use serde::{Deserialize, Serialize};
@@ -13,7 +14,7 @@ use std::path::Path;
 /// Value of the `format` field.
 pub const FORMAT: &str = "scanweave-poses";
 /// Version of the layout; raised whenever a reader of the old one would go wrong.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// The whole document.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -53,13 +54,13 @@ pub struct Entry {
     pub origin_m: [f64; 3],
     /// Placed or declined.
     #[serde(flatten)]
-    pub verdict: Verdict,
+    pub outcome: EntryOutcome,
 }
 
 /// What became of a scan.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "outcome", rename_all = "lowercase")]
-pub enum Verdict {
+pub enum EntryOutcome {
     /// It has a pose.
     Placed(Box<Pose>),
     /// It has none.
@@ -93,12 +94,12 @@ pub struct Pose {
     /// Root mean square distance of the inliers, metres.
     pub residual_m: f64,
     /// Evidence at the time it joined; null for a pivot.
-    pub support: Option<Support>,
+    pub evidence: Option<Evidence>,
     /// Agreement with every placed scan it touches, at the final poses.
     pub neighbours: Vec<NeighbourEvidence>,
     /// How firmly it is held; null where that was not assessed.
     #[serde(default)]
-    pub hold: Option<Box<Hold>>,
+    pub pose_uncertainty: Option<Box<PoseUncertainty>>,
 }
 
 impl Document {
@@ -109,7 +110,7 @@ impl Document {
             name: scan.name.clone(),
             file: scan.path.as_ref().map(|p| p.display().to_string()),
             origin_m: scan.cloud.origin_m.into(),
-            verdict: Verdict::of(outcome),
+            outcome: EntryOutcome::of(outcome),
         });
         Self {
             format: FORMAT.to_owned(),
@@ -150,20 +151,20 @@ impl Document {
     /// # Errors
     /// [`Error::Input`] when a pose is no rigid motion.
     pub fn reconstruction(&self) -> Result<Reconstruction> {
-        let outcomes = self.scans.iter().map(|entry| match &entry.verdict {
-            Verdict::Placed(pose) => pose.placement(&entry.name).map(Outcome::Placed),
-            Verdict::Declined { decline, .. } => Ok(Outcome::Declined(decline.clone())),
+        let outcomes = self.scans.iter().map(|entry| match &entry.outcome {
+            EntryOutcome::Placed(pose) => pose.placement(&entry.name).map(Outcome::Placed),
+            EntryOutcome::Declined { decline, .. } => Ok(Outcome::Declined(decline.clone())),
         });
         Ok(Reconstruction { outcomes: outcomes.collect::<Result<_>>()? })
     }
 }
 
-impl Verdict {
+impl EntryOutcome {
     fn of(outcome: &Outcome) -> Self {
         match outcome {
-            Outcome::Placed(placement) => Verdict::Placed(Box::new(Pose::of(placement))),
+            Outcome::Placed(placement) => EntryOutcome::Placed(Box::new(Pose::of(placement))),
             Outcome::Declined(reason) => {
-                Verdict::Declined { decline: reason.clone(), explanation: reason.to_string() }
+                EntryOutcome::Declined { decline: reason.clone(), explanation: reason.to_string() }
             }
         }
     }
@@ -181,9 +182,9 @@ impl Pose {
             inliers: placement.inliers,
             inlier_ratio: placement.inlier_ratio(),
             residual_m: placement.residual_m,
-            support: placement.support,
+            evidence: placement.evidence,
             neighbours: placement.neighbours.clone(),
-            hold: placement.hold.clone(),
+            pose_uncertainty: placement.pose_uncertainty.clone(),
         }
     }
 
@@ -205,9 +206,9 @@ impl Pose {
             matches: self.matches,
             inliers: self.inliers,
             residual_m: self.residual_m,
-            support: self.support,
+            evidence: self.evidence,
             neighbours: self.neighbours.clone(),
-            hold: self.hold.clone(),
+            pose_uncertainty: self.pose_uncertainty.clone(),
         })
     }
 }
@@ -259,9 +260,9 @@ mod tests {
             matches: 8,
             inliers: 2,
             residual_m: 0.01,
-            support: None,
+            evidence: None,
             neighbours: vec![NeighbourEvidence { scan: ScanId(1), overlap: 0.5, residual_m: 0.02 }],
-            hold: None,
+            pose_uncertainty: None,
         })
     }
 
@@ -273,7 +274,7 @@ mod tests {
         let text = Document::new(&scans, &Reconstruction { outcomes }).to_json();
         let json: serde_json::Value = serde_json::from_str(&text).unwrap();
         assert_eq!(json["format"], "scanweave-poses");
-        assert_eq!(json["version"], 1);
+        assert_eq!(json["version"], 2);
         assert_eq!(json["components"][0]["pivot"], 1);
         assert_eq!(json["components"][0]["scans"], serde_json::json!([0, 1]));
         let first = &json["scans"][0];

@@ -1,8 +1,8 @@
 //! `report.json`: what a run worked on, with what settings, and how long each stage took.
 
-use super::poses::{Document, Entry, Verdict};
-use crate::scan::WorkingScale;
+use super::poses::{Document, Entry, EntryOutcome};
 use crate::error::{Error, Result};
+use crate::scan::WorkingScale;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -30,7 +30,7 @@ pub struct ScanSize {
     pub features_reused: bool,
 }
 
-/// The verdict on one scan, in one line.
+/// The outcome on one scan, in one line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Row {
     /// Name of the scan.
@@ -144,9 +144,9 @@ fn row(entry: &Entry, all: &[Entry]) -> Row {
         residual_m: None,
         reason: None,
     };
-    match &entry.verdict {
-        Verdict::Declined { explanation, .. } => row.reason = Some(explanation.clone()),
-        Verdict::Placed(pose) => {
+    match &entry.outcome {
+        EntryOutcome::Declined { explanation, .. } => row.reason = Some(explanation.clone()),
+        EntryOutcome::Placed(pose) => {
             let of_parent = pose.neighbours.iter().find(|n| Some(n.scan.0) == pose.parent);
             let largest = || pose.neighbours.iter().max_by(|a, b| a.overlap.total_cmp(&b.overlap));
             row.overlap = of_parent.or_else(largest).map(|n| n.overlap);

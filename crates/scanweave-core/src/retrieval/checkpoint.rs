@@ -7,6 +7,7 @@
 use super::gem::Gem;
 use super::head::HeadWeights;
 use super::netvlad::NetVlad;
+use crate::atomic;
 use crate::error::{Error, Result};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
@@ -96,7 +97,7 @@ pub struct OptimizerState {
     pub moments: Vec<(Vec<f32>, Vec<f32>)>,
 }
 
-/// A head with its papers.
+/// A head with its metadata.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checkpoint {
     /// What it is.
@@ -132,15 +133,7 @@ impl Checkpoint {
     /// When the folder cannot be written.
     pub fn save(&self, path: &Path) -> Result<()> {
         let bytes = self.to_bytes(path)?;
-        let folder = match path.parent() {
-            Some(p) if !p.as_os_str().is_empty() => p,
-            _ => Path::new("."),
-        };
-        let mut file = tempfile::NamedTempFile::new_in(folder).map_err(|e| Error::write(path, e))?;
-        file.write_all(&bytes).map_err(|e| Error::write(path, e))?;
-        file.as_file().sync_all().map_err(|e| Error::write(path, e))?;
-        file.persist(path).map_err(|e| Error::write(path, e.error))?;
-        Ok(())
+        atomic::write(path, |out| out.write_all(&bytes))
     }
 
     fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {

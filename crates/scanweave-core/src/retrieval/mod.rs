@@ -4,26 +4,30 @@
 //! nearest other features → [`SimilarityMatrix`], the prediction of overlap that orders the growth
 //! of the model. [`similarity_of`] is the one entry to all of it.
 
-pub mod checkpoint;
-pub mod fusion;
-pub mod gem;
-pub mod head;
-pub mod kmeans;
-pub mod netvlad;
+pub(crate) mod checkpoint;
+pub(crate) mod fusion;
+pub(crate) mod gem;
+pub(crate) mod head;
+pub(crate) mod kmeans;
+pub(crate) mod netvlad;
 mod pooling;
-pub mod shipped;
-pub mod similarity;
+pub(crate) mod shipped;
+pub(crate) mod similarity;
 
-pub use checkpoint::{Checkpoint, DescriptorTag};
-pub use head::{Head, HeadWeights};
-pub use netvlad::BiasRule;
+pub use checkpoint::{
+    Architecture, Checkpoint, CheckpointMeta, DataSummary, DescriptorTag, FORMAT_VERSION, OptimizerState,
+};
+pub use fusion::fuse;
+pub use gem::{Gem, mean_pooling};
+pub use head::{Head, HeadWeights, global_features};
+pub use kmeans::{KmeansConfig, kmeans};
+pub use netvlad::{BiasRule, NetVlad, NetVladConfig};
+pub use shipped::head_for;
+pub use similarity::{similarity, similarity_matrix};
 
 use crate::error::{Error, Result};
 use crate::monitor::Monitor;
 use crate::scan::{Descriptors, Features, SimilarityMatrix};
-use gem::Gem;
-use kmeans::KmeansConfig;
-use netvlad::NetVladConfig;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -201,7 +205,12 @@ pub fn choose_head(
         let origin = HeadOrigin::Trained { name: checkpoint.meta.name.clone() };
         return Ok((checkpoint.weights.head(), origin));
     }
-    let filled: Vec<&[f32]> = scans.iter().filter(|s| !s.is_empty()).map(|s| s.values()).collect();
+    let mut filled: Vec<&[f32]> = scans.iter().filter(|s| !s.is_empty()).map(|s| s.values()).collect();
+    // Random numbers go by content, whatever the order of the scans.
+    filled.sort_by_cached_key(|values| {
+        let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        *blake3::hash(&bytes).as_bytes()
+    });
     Ok(match config.source {
         SimilaritySource::Netvlad => {
             let settings = KmeansConfig {

@@ -7,7 +7,10 @@ use std::path::Path;
 /// File and content of every head, in the repository's `checkpoints/`.
 const HEADS: [(&str, &[u8]); 2] = [
     ("netvlad-fpfh.safetensors", include_bytes!("../../../../checkpoints/netvlad-fpfh.safetensors")),
-    ("netvlad-minispinnet.safetensors", include_bytes!("../../../../checkpoints/netvlad-minispinnet.safetensors")),
+    (
+        "netvlad-minispinnet.safetensors",
+        include_bytes!("../../../../checkpoints/netvlad-minispinnet.safetensors"),
+    ),
 ];
 
 /// The head for a descriptor: of its name, dimension and settings; `None` when there is none.

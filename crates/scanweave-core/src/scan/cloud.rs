@@ -1,5 +1,7 @@
 //! Scans as they come from files.
 
+use super::assemble::{NO_COLORS, assemble};
+use crate::error::{Error, Result};
 use crate::geometry::Point;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -62,4 +64,68 @@ pub struct Scan {
     pub path: Option<PathBuf>,
     /// Its points.
     pub cloud: PointCloud,
+}
+
+impl Scan {
+    /// A scan of bare points in a program's own coordinates, metres, seen from their zero.
+    ///
+    /// Points that are not finite are left out and counted. Coordinates beyond 10 km are kept
+    /// relative to a rounded [`PointCloud::origin_m`], so that they lose nothing.
+    pub fn from_points(name: impl Into<String>, points: &[[f64; 3]]) -> Self {
+        let cloud = assemble(points.len(), |i| points[i], NO_COLORS, None);
+        Self { id: ScanId(0), name: name.into(), path: None, cloud }
+    }
+
+    /// [`from_points`](Self::from_points) with one sRGB colour a point.
+    ///
+    /// # Errors
+    /// When there are not as many colours as points.
+    pub fn from_colored_points(
+        name: impl Into<String>,
+        points: &[[f64; 3]],
+        colors: &[[u8; 3]],
+    ) -> Result<Self> {
+        let name = name.into();
+        if colors.len() != points.len() {
+            return Err(Error::input(
+                format!("colours of scan {name}"),
+                colors.len().to_string(),
+                format!("one for each of {} points", points.len()),
+                "pass one sRGB triple a point",
+            ));
+        }
+        let cloud = assemble(points.len(), |i| points[i], Some(|i: usize| colors[i]), None);
+        Ok(Self { id: ScanId(0), name, path: None, cloud })
+    }
+
+    /// The same scan seen from where the sensor stood, in the coordinates of the points, metres.
+    pub fn with_viewpoint(mut self, viewpoint_m: [f64; 3]) -> Self {
+        let relative = Vector3::from(viewpoint_m) - self.cloud.origin_m;
+        self.cloud.viewpoint = Point::from(relative.cast::<f32>());
+        self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_of_a_program_keep_millimetres_colours_and_viewpoint() {
+        let points =
+            [[431_250.123, 5_812_345.678, 101.5], [f64::NAN, 0.0, 0.0], [431_251.0, 5_812_346.0, 102.0]];
+        let colors = [[1, 2, 3], [4, 5, 6], [7, 8, 9]];
+        let scan = Scan::from_colored_points("a", &points, &colors).unwrap().with_viewpoint([
+            431_240.0,
+            5_812_340.0,
+            103.0,
+        ]);
+        assert_eq!((scan.cloud.len(), scan.cloud.dropped_rows), (2, 1));
+        assert_eq!(scan.cloud.colors, Some(vec![[1, 2, 3], [7, 8, 9]]));
+        let back = |p: &Point| p.coords.cast::<f64>() + scan.cloud.origin_m;
+        assert!((back(&scan.cloud.points[0]) - Vector3::from(points[0])).amax() < 1e-5);
+        assert!((back(&scan.cloud.viewpoint) - Vector3::new(431_240.0, 5_812_340.0, 103.0)).amax() < 1e-5);
+        let error = Scan::from_colored_points("a", &points, &colors[..2]).unwrap_err().to_string();
+        assert!(error.contains("colours of scan a: found 2, expected one for each of 3 points"), "{error}");
+    }
 }

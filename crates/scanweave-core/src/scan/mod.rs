@@ -1,5 +1,6 @@
 //! The types that flow between stages.
 
+pub(crate) mod assemble;
 mod cloud;
 mod depth;
 mod features;
@@ -15,7 +16,7 @@ pub use depth::{DepthImage, Intrinsics};
 pub use features::{Descriptors, Features};
 pub use pose_graph::{PairKey, PairRegistration, PoseEdge, PoseGraph};
 pub use reconstruction::{
-    DeclineReason, Hold, Link, NeighbourEvidence, Outcome, Placement, Reconstruction, Support,
+    DeclineReason, Evidence, NeighbourEvidence, Outcome, Placement, PoseUncertainty, Reconstruction, ScanEdge,
 };
 pub use similarity::SimilarityMatrix;
 pub use surface::Surface;

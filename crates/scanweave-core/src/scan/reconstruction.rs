@@ -18,17 +18,17 @@ pub struct NeighbourEvidence {
 
 /// What speaks for the pose at which a scan was registered against the meta-shape.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Support {
+pub struct Evidence {
     /// Mutual descriptor matches.
     pub matches: usize,
     /// Matches within τ under the pose.
     pub inliers: usize,
     /// Inliers of the next distinct hypothesis, in the same component or, where they leave the pose
     /// undecided, in another.
-    pub runner_up: usize,
+    pub second_best_inliers: usize,
     /// Matches that the pose would bring within τ if they were paired at random.
     #[serde(default)]
-    pub chance: f64,
+    pub chance_inliers: f64,
     /// Share of the scan's surface within τ of the model, in `[0, 1]`.
     pub overlap: f64,
     /// Share of that whose normals agree, in `[0, 1]`.
@@ -37,12 +37,12 @@ pub struct Support {
     pub plane_residual: f64,
     /// Share of what either side could judge that lies in space the other saw to be empty, in `[0, 1]`.
     #[serde(default)]
-    pub violation: f64,
+    pub free_space_violation: f64,
     /// How firmly the touching surface fixes the pose: smallest eigenvalue of the normalised
     /// information matrix, 0 where some motion is free.
     #[serde(default)]
-    pub stiffness: f64,
-    /// Probability that the pose is right; `None` where it was not assessed.
+    pub localizability: f64,
+    /// Probability that the pose is right; `None` where it was not measured.
     pub probability: Option<f64>,
     /// The pose relative to the parent when the scan joined, before any later refinement; `None`
     /// until it joins.
@@ -52,10 +52,10 @@ pub struct Support {
 
 /// How firmly a placed scan is held in its component.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Hold {
+pub struct PoseUncertainty {
     /// The least certain link of the most certain chain of links between the scan and the pivot;
     /// `None` for the pivot.
-    pub weakest_link: Option<Link>,
+    pub weakest_edge: Option<ScanEdge>,
     /// Covariance of the pose relative to the pivot's: of a rotation vector (radians) and of the
     /// displacement of the scan's centre (metres), both in the component's frame. `None` where no
     /// surfaces were compared.
@@ -64,14 +64,14 @@ pub struct Hold {
 
 /// Two scans that hold each other.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Link {
+pub struct ScanEdge {
     /// The scans.
     pub scans: (ScanId, ScanId),
     /// Probability that their relative pose is right.
     pub probability: f64,
 }
 
-impl Hold {
+impl PoseUncertainty {
     /// Largest standard deviations in any direction: of the rotation in degrees, of the position of
     /// the scan's centre in metres.
     pub fn deviation(&self) -> Option<(f64, f64)> {
@@ -101,11 +101,11 @@ pub struct Placement {
     /// Root mean square distance of the inlier matches, metres.
     pub residual_m: f64,
     /// Evidence at the time it joined; `None` for a pivot.
-    pub support: Option<Support>,
+    pub evidence: Option<Evidence>,
     /// Agreement with every placed scan it touches.
     pub neighbours: Vec<NeighbourEvidence>,
-    /// How firmly it is held; `None` where that was not assessed.
-    pub hold: Option<Box<Hold>>,
+    /// Its uncertainty; `None` where that was not measured.
+    pub pose_uncertainty: Option<Box<PoseUncertainty>>,
 }
 
 impl Placement {
@@ -118,6 +118,7 @@ impl Placement {
 /// Why a scan has no pose.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "reason", rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum DeclineReason {
     /// Its best registration had too few inliers to be told from chance.
     TooFewInliers {
@@ -131,7 +132,7 @@ pub enum DeclineReason {
     /// Its best registration is more likely wrong than the settings allow.
     WeakEvidence {
         /// What there is.
-        support: Support,
+        evidence: Evidence,
         /// Probability that would have been needed, in `[0, 1]`.
         needed: f64,
     },
@@ -162,16 +163,16 @@ impl std::fmt::Display for DeclineReason {
             DeclineReason::TooFewInliers { inliers, needed, matches } => {
                 write!(f, "best attempt had {inliers} inliers of {matches} matches, {needed} needed")
             }
-            DeclineReason::WeakEvidence { support, needed } => write!(
+            DeclineReason::WeakEvidence { evidence, needed } => write!(
                 f,
                 "best attempt is right with probability {:.2}, {needed:.2} needed \
                  ({} inliers of {} matches, next {}; overlap {:.2}, normals agree {:.2})",
-                support.probability.unwrap_or(0.0),
-                support.inliers,
-                support.matches,
-                support.runner_up,
-                support.overlap,
-                support.normal_agreement,
+                evidence.probability.unwrap_or(0.0),
+                evidence.inliers,
+                evidence.matches,
+                evidence.second_best_inliers,
+                evidence.overlap,
+                evidence.normal_agreement,
             ),
             DeclineReason::Pruned { inliers, median_distance_m } => write!(
                 f,
@@ -185,7 +186,7 @@ impl std::fmt::Display for DeclineReason {
     }
 }
 
-/// The verdict on one scan.
+/// The outcome on one scan.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Outcome {
     /// It has a pose.

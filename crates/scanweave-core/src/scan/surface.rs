@@ -12,7 +12,7 @@ pub struct Surface {
     /// Where the sensor stood, in the scan's frame.
     pub viewpoint: Point,
     /// `[n]` brightness of each point in `[0, 1]`; empty where the scan has no colour.
-    pub shades: Vec<f32>,
+    pub intensities: Vec<f32>,
 }
 
 impl Surface {

@@ -64,6 +64,16 @@ pub enum GraphKind {
     Sparse,
 }
 
+impl std::fmt::Display for GraphKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            GraphKind::Full => "full",
+            GraphKind::Pruned => "pruned",
+            GraphKind::Sparse => "sparse",
+        })
+    }
+}
+
 /// Settings of the global paradigm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]

@@ -37,7 +37,7 @@ pub(super) fn from_differences(
 }
 
 /// Poses with the given rotations and the translations that fit best: weighted least squares
-/// on R_i t_ij = t_j − t_i and R_j t_ji = t_i − t_j (SPEC: global-paradigm baselines). Where the
+/// on R_i t_ij = t_j − t_i and R_j t_ji = t_i − t_j. Where the
 /// rotations do not fit the link exactly the two differ, and only both together do not depend
 /// on which way it points.
 pub(super) fn with_translations(

@@ -14,9 +14,9 @@
 //! | [`Method::Lits`] | a recurrent graph network updates poses | learnt weights |
 //! | [`Method::PoseGraph`] | Levenberg–Marquardt on SE(3) | Geman–McClure, graduated |
 
-pub mod config;
-pub mod graph;
-pub mod lits;
+pub(crate) mod config;
+pub(crate) mod graph;
+pub(crate) mod lits;
 
 mod eigse3;
 mod hara;
@@ -154,9 +154,9 @@ fn placements<'a>(
         matches: 0,
         inliers: 0,
         residual_m: 0.0,
-        support: None,
+        evidence: None,
         neighbours: Vec::new(),
-        hold: None,
+        pose_uncertainty: None,
     };
     let pivot = (component.scans[network.pivot].0, placed(0, RigidMotion::identity()));
     let rest: Vec<_> = network

@@ -40,7 +40,7 @@ pub struct Meta {
 /// Value of [`Meta::descriptor`].
 pub const DESCRIPTOR: &str = "mini-spin-net";
 
-/// A network with its papers.
+/// A network with its metadata.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checkpoint {
     /// What it is.

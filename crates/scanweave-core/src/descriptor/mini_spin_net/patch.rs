@@ -1,7 +1,7 @@
 //! Points around a keypoint, turned into the keypoint's own frame.
 
-use crate::geometry::spread::Spread;
 use crate::geometry::neighbours::RadiusGrid;
+use crate::geometry::spread::Spread;
 use crate::geometry::{Direction, Point};
 use nalgebra::{Matrix3, Vector3};
 use rand::SeedableRng;

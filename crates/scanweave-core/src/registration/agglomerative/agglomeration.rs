@@ -1,32 +1,32 @@
 //! State of a registration that joins components, strongest evidence first, and the mechanism
 //! of its steps; [`crate::registration::agglomerative`] says when each happens.
 
-use super::edge::Link;
-use crate::registration::verification::verifier::{Assessment, Assessor, centre_of};
-use crate::registration::config::RegistrationConfig;
-use crate::registration::pairwise::correspondences::Correspondences;
-use crate::registration::agglomerative::pairs::ScanPair;
-use crate::registration::verification::surface_fit::Posed;
+use super::edge::ComponentEdge;
 use crate::error::Result;
 use crate::geometry::rigid::PointMover;
 use crate::geometry::{Point, RigidMotion};
 use crate::monitor::Monitor;
-use crate::scan::{ScanId, Support};
+use crate::registration::agglomerative::pairs::ScanPair;
+use crate::registration::config::{AgglomerativeConfig, MultiviewIcpConfig, RegistrationConfig};
+use crate::registration::pairwise::correspondences::Correspondences;
+use crate::registration::verification::surface_fit::Posed;
+use crate::registration::verification::verifier::{ScoredHypothesis, Verifier, centre_of};
+use crate::scan::{Evidence, ScanId};
 use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Pairs of components that are assessed at a time: few among the most promising ones, of which one
+/// Pairs of components that are scored at a time: few among the most promising ones, of which one
 /// mostly suffices, and many among the rest, which then all have to be known.
 const BATCH: usize = 2;
-const PROMISING: usize = 16;
+const FIRST_EDGES: usize = 16;
 const LATER_BATCH: usize = 16;
-/// Links of less promise than one of these are looked at only when none of more is certain enough to be
+/// Edges with a lower prior score than one of these are looked at only when none of more is certain enough to be
 /// joined by, and those of less than the last not at all: none of their pairs of scans gives any
 /// proposal a chance.
-const PROMISES: [f64; 3] = [1.0, 0.1, 1e-3];
+const PRIOR_SCORES: [f64; 3] = [1.0, 0.1, 1e-3];
 
-/// A link that joined two components.
+/// An edge that joined two components.
 #[derive(Debug, Clone, Copy)]
 pub struct Join {
     /// The two scans whose registration spoke for it most, one of either component.
@@ -34,7 +34,7 @@ pub struct Join {
     /// Pose of the second relative to the first when they joined.
     pub first_from_second: RigidMotion,
     /// The evidence between the components.
-    pub support: Support,
+    pub evidence: Evidence,
 }
 
 /// Scans posed relative to each other.
@@ -44,7 +44,7 @@ pub struct Component {
     pub members: Vec<(ScanId, RigidMotion)>,
     /// The joins that made it: a spanning tree of its scans, in order.
     pub joins: Vec<Join>,
-    /// Members at the time of the last joint refinement.
+    /// Members at the time of the last multiview ICP.
     pub(super) refined_at: usize,
 }
 
@@ -52,22 +52,20 @@ pub struct Component {
 pub(super) type ComponentId = usize;
 
 /// State of the registration.
-pub struct Assembly<'a> {
-    pub(super) assessor: &'a Assessor<'a>,
+pub struct Agglomeration<'a> {
+    pub(super) verifier: &'a Verifier<'a>,
+    pub(super) settings: AgglomerativeConfig,
+    pub(super) multiview_icp: &'a MultiviewIcpConfig,
     /// Keypoints of every scan, in its frame.
     pub(super) keypoints: Vec<&'a [Point]>,
     pub(super) pairs: Vec<ScanPair>,
     pub(super) components: BTreeMap<ComponentId, Component>,
-    pub(super) links: BTreeMap<(ComponentId, ComponentId), Link>,
+    pub(super) edges: BTreeMap<(ComponentId, ComponentId), ComponentEdge>,
     pub(super) next: ComponentId,
     /// Components refined with the full setting, and unchanged since.
     pub(super) settled: BTreeSet<ComponentId>,
-    /// Scans that a review took out. One that joined again, knowing this, stays.
-    pub(super) taken_out: BTreeSet<ScanId>,
     /// Scans that joined alone by a trial, which refuted their rivals.
     pub(super) tried_out: BTreeSet<ScanId>,
-    /// Supports of the members of components that a review left alone, while they are unchanged.
-    pub(super) reviewed: BTreeMap<ComponentId, Vec<Support>>,
 }
 
 /// A join that may be made.
@@ -75,25 +73,30 @@ pub struct Assembly<'a> {
 pub struct Proposal {
     pub(super) a: ComponentId,
     pub(super) b: ComponentId,
-    pub(super) assessment: Assessment,
+    pub(super) scored: ScoredHypothesis,
     pub(super) pair: usize,
 }
 
 impl Proposal {
     /// Probability that it is right.
     pub fn probability(&self) -> f64 {
-        self.assessment.probability()
+        self.scored.probability()
     }
 
     /// The evidence for it.
-    pub fn support(&self) -> Support {
-        self.assessment.support
+    pub fn evidence(&self) -> Evidence {
+        self.scored.evidence
     }
 }
 
-impl<'a> Assembly<'a> {
-    /// Every one of `scans` a component of its own; `keypoints` are those of all scans of the assessor.
-    pub fn new(assessor: &'a Assessor<'a>, keypoints: Vec<&'a [Point]>, scans: &[ScanId]) -> Self {
+impl<'a> Agglomeration<'a> {
+    /// Every one of `scans` a component of its own; `keypoints` are those of all scans of the verifier.
+    pub fn new(
+        verifier: &'a Verifier<'a>,
+        config: &'a RegistrationConfig,
+        keypoints: Vec<&'a [Point]>,
+        scans: &[ScanId],
+    ) -> Self {
         let alone = |&s: &ScanId| Component {
             members: vec![(s, RigidMotion::identity())],
             joins: Vec::new(),
@@ -102,32 +105,35 @@ impl<'a> Assembly<'a> {
         let components = scans.iter().map(|s| (s.0, alone(s))).collect();
         let next = scans.iter().map(|s| s.0 + 1).max().unwrap_or(0);
         Self {
-            assessor,
+            verifier,
+            settings: config.agglomerative().cloned().unwrap_or_default(),
+            multiview_icp: &config.multiview_icp,
             keypoints,
             pairs: Vec::new(),
             components,
-            links: BTreeMap::new(),
+            edges: BTreeMap::new(),
             next,
             settled: BTreeSet::new(),
-            taken_out: BTreeSet::new(),
             tried_out: BTreeSet::new(),
-            reviewed: BTreeMap::new(),
         }
     }
 
     /// Components of scans at given poses, for measuring how evidence relates to truth.
     pub fn of_groups(
-        assessor: &'a Assessor<'a>,
+        verifier: &'a Verifier<'a>,
+        config: &'a RegistrationConfig,
         keypoints: Vec<&'a [Point]>,
         groups: Vec<Vec<(ScanId, RigidMotion)>>,
     ) -> Self {
-        let mut assembly = Self::new(assessor, keypoints, &[]);
+        let mut agglomeration = Self::new(verifier, config, keypoints, &[]);
         for members in groups.into_iter().filter(|g| !g.is_empty()) {
             let refined_at = members.len();
-            assembly.components.insert(assembly.next, Component { members, joins: Vec::new(), refined_at });
-            assembly.next += 1;
+            agglomeration
+                .components
+                .insert(agglomeration.next, Component { members, joins: Vec::new(), refined_at });
+            agglomeration.next += 1;
         }
-        assembly
+        agglomeration
     }
 
     /// Centre of a component's scans, in its frame; the origin where there is no such component.
@@ -142,26 +148,21 @@ impl<'a> Assembly<'a> {
         self.components.get(&component).map_or(0, |c| c.members.len())
     }
 
-    /// All assessed proposals between any two components, as `(a, b, proposals)` with the
+    /// All scored proposals between any two components, as `(a, b, proposals)` with the
     /// components' places in [`Self::of_groups`].
-    pub fn assessments(&self) -> Vec<(usize, usize, Vec<Assessment>)> {
-        let links: Vec<_> = self.links.iter().collect();
-        links.into_par_iter().map(|(&(a, b), link)| (a, b, self.assess_all((a, b), link))).collect()
-    }
-
-    pub(super) fn config(&self) -> &RegistrationConfig {
-        self.assessor.config
+    pub fn scored_hypotheses(&self) -> Vec<(usize, usize, Vec<ScoredHypothesis>)> {
+        let edges: Vec<_> = self.edges.iter().collect();
+        edges.into_par_iter().map(|(&(a, b), edge)| (a, b, self.score_all((a, b), edge))).collect()
     }
 
     /// Takes in more registered pairs.
     pub fn add_pairs(&mut self, pairs: Vec<ScanPair>) {
         self.pairs.extend(pairs);
-        self.reviewed.clear();
-        self.relink();
+        self.rebuild_edges();
     }
 
     pub(super) fn posed(&self, members: &[(ScanId, RigidMotion)]) -> Vec<Posed<'a>> {
-        let models = self.assessor.models;
+        let models = self.verifier.models;
         members.iter().map(|&(s, pose)| Posed { model: &models[s.0], group_from_scan: pose }).collect()
     }
 
@@ -193,77 +194,85 @@ impl<'a> Assembly<'a> {
         Correspondences::new(&source, &target)
     }
 
-    /// Measures the evidence for the proposals of a link; most probable first.
-    pub(super) fn assess_all(&self, (a, b): (ComponentId, ComponentId), link: &Link) -> Vec<Assessment> {
+    /// Measures the evidence for the proposals of an edge; most probable first.
+    pub(super) fn score_all(
+        &self,
+        (a, b): (ComponentId, ComponentId),
+        edge: &ComponentEdge,
+    ) -> Vec<ScoredHypothesis> {
         let (ca, cb) = (&self.components[&a], &self.components[&b]);
         let poses = |c: &Component| c.members.iter().copied().collect::<BTreeMap<_, _>>();
-        let matches = self.matches_between(&link.pairs, &poses(ca), &poses(cb));
+        let matches = self.matches_between(&edge.pairs, &poses(ca), &poses(cb));
         let (ga, gb) = (self.posed(&ca.members), self.posed(&cb.members));
-        let motions: Vec<RigidMotion> = link.proposals.iter().map(|p| p.0).collect();
-        self.assessor.assess(&ga, &gb, &motions, &matches)
+        let motions: Vec<RigidMotion> = edge.proposals.iter().map(|p| p.0).collect();
+        self.verifier.score(&ga, &gb, &motions, &matches)
     }
 
-    /// The proposals of a link, most probable first, each with the pair of scans that it came from.
-    pub(super) fn assess(&self, key: (ComponentId, ComponentId), link: &Link) -> Vec<(Assessment, usize)> {
+    /// The proposals of an edge, most probable first, each with the pair of scans that it came from.
+    pub(super) fn score(
+        &self,
+        key: (ComponentId, ComponentId),
+        edge: &ComponentEdge,
+    ) -> Vec<(ScoredHypothesis, usize)> {
         let centre = self.centre(key.1);
-        let origin = |found: Assessment| {
+        let origin = |found: ScoredHypothesis| {
             // The proposal it came from: the nearest one.
             let distance = |m: &RigidMotion| {
                 (m * centre - found.a_from_b * centre).norm() + m.rotation.angle_to(&found.a_from_b.rotation)
             };
-            let from = link.proposals.iter().min_by(|x, y| distance(&x.0).total_cmp(&distance(&y.0)))?;
+            let from = edge.proposals.iter().min_by(|x, y| distance(&x.0).total_cmp(&distance(&y.0)))?;
             Some((found, from.1))
         };
-        self.assess_all(key, link).into_iter().filter_map(origin).collect()
+        self.score_all(key, edge).into_iter().filter_map(origin).collect()
     }
 
-    /// The best-supported join: links that some pair of scans gives a chance are looked at in the order
-    /// of their promise until one is as good as certain; failing that, the most probable of the more
-    /// promising ones if it may be made, or else of all. `None` without any such link.
+    /// The best-supported join: edges that some pair of scans gives a chance are looked at in the order
+    /// of their prior score until one is as good as certain; failing that, the most probable of the more
+    /// promising ones if it may be made, or else of all. `None` without any such edge.
     ///
     /// # Errors
     /// Only when the monitor is cancelled.
     pub fn best_join(&mut self, monitor: &dyn Monitor) -> Result<Option<Proposal>> {
         let mut order: Vec<(f64, (ComponentId, ComponentId))> =
-            self.links.iter().map(|(key, link)| (link.promise, *key)).collect();
+            self.edges.iter().map(|(key, edge)| (edge.prior_score, *key)).collect();
         order.sort_unstable_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
         let mut best: Option<Proposal> = None;
-        let mut looked_at = 0;
-        for promise in PROMISES {
-            let of_promise = order.partition_point(|l| l.0 >= promise);
-            while looked_at < of_promise {
+        let mut examined = 0;
+        for prior_score in PRIOR_SCORES {
+            let as_good = order.partition_point(|l| l.0 >= prior_score);
+            while examined < as_good {
                 monitor.check("registration")?;
-                let size = if looked_at < PROMISING { BATCH } else { LATER_BATCH };
-                let batch = &order[looked_at..of_promise.min(looked_at + size)];
-                looked_at += batch.len();
+                let size = if examined < FIRST_EDGES { BATCH } else { LATER_BATCH };
+                let batch = &order[examined..as_good.min(examined + size)];
+                examined += batch.len();
                 let keys: Vec<_> = batch.iter().map(|b| b.1).collect();
                 let found = self.most_probable(&keys);
                 if found.is_some_and(|f| best.is_none_or(|old| f.probability() > old.probability())) {
                     best = found;
                 }
-                if best.is_some_and(|p| p.probability() >= self.config().evidence.confident) {
+                if best.is_some_and(|p| p.probability() >= self.verifier.settings.confident) {
                     return Ok(best);
                 }
             }
-            if best.is_some_and(|p| p.probability() >= self.config().evidence.accept) {
+            if best.is_some_and(|p| p.probability() >= self.verifier.settings.accept) {
                 break;
             }
         }
         Ok(best)
     }
 
-    /// The most probable proposal of some links, whose evidence is measured where it is not known; of
+    /// The most probable proposal of some edges, whose evidence is measured where it is not known; of
     /// equally probable ones the first.
     pub(super) fn most_probable(&mut self, keys: &[(ComponentId, ComponentId)]) -> Option<Proposal> {
         let unknown: Vec<(ComponentId, ComponentId)> =
-            keys.iter().copied().filter(|key| self.links[key].assessed.is_none()).collect();
-        let assessed: Vec<_> = unknown.par_iter().map(|key| self.assess(*key, &self.links[key])).collect();
-        for (key, found) in unknown.into_iter().zip(assessed) {
-            self.links.entry(key).and_modify(|link| link.assessed = Some(found));
+            keys.iter().copied().filter(|key| self.edges[key].scored.is_none()).collect();
+        let scored: Vec<_> = unknown.par_iter().map(|key| self.score(*key, &self.edges[key])).collect();
+        for (key, found) in unknown.into_iter().zip(scored) {
+            self.edges.entry(key).and_modify(|edge| edge.scored = Some(found));
         }
         let proposal = |&(a, b): &(ComponentId, ComponentId)| {
-            let (assessment, pair) = self.links[&(a, b)].best()?;
-            Some(Proposal { a, b, assessment, pair })
+            let (scored, pair) = self.edges[&(a, b)].best()?;
+            Some(Proposal { a, b, scored, pair })
         };
         keys.iter()
             .filter_map(proposal)
@@ -280,7 +289,7 @@ impl<'a> Assembly<'a> {
             size(&proposal.b),
             pair.i,
             pair.j,
-            proposal.assessment.support
+            proposal.scored.evidence
         )
     }
 
@@ -297,7 +306,7 @@ impl<'a> Assembly<'a> {
 
     pub(super) fn joined(&self, ca: &Component, cb: &Component, proposal: &Proposal) -> Option<Component> {
         let pair = self.pairs.get(proposal.pair)?;
-        let Assessment { a_from_b, support } = proposal.assessment;
+        let ScoredHypothesis { a_from_b, evidence } = proposal.scored;
         // The larger keeps its frame; of equals the one with the lower pivot.
         let first =
             (ca.members.len(), Reverse(ca.members[0].0)) >= (cb.members.len(), Reverse(cb.members[0].0));
@@ -308,7 +317,7 @@ impl<'a> Assembly<'a> {
         joined.joins.extend(&small.joins);
         let pose = |s: ScanId| joined.members.iter().find(|m| m.0 == s).map(|m| m.1);
         let first_from_second = pose(pair.i)?.inverse() * pose(pair.j)?;
-        joined.joins.push(Join { scans: (pair.i, pair.j), first_from_second, support });
+        joined.joins.push(Join { scans: (pair.i, pair.j), first_from_second, evidence });
         Some(joined)
     }
 
@@ -318,12 +327,11 @@ impl<'a> Assembly<'a> {
         for id in gone {
             self.components.remove(id);
             self.settled.remove(id);
-            self.reviewed.remove(id);
         }
         let id = self.next;
         self.next += 1;
         let newcomers = known.map(|(kept, n)| (kept, with.members[n..].to_vec()));
         self.components.insert(id, with);
-        self.replace_links(gone, id, newcomers.as_ref().map(|(kept, scans)| (*kept, scans.as_slice())));
+        self.replace_edges(gone, id, newcomers.as_ref().map(|(kept, scans)| (*kept, scans.as_slice())));
     }
 }

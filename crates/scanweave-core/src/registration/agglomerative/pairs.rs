@@ -1,17 +1,16 @@
 //! Registration of two scans with each other: matches, distinct hypotheses for the relative
 //! pose, and the evidence for each.
 
-use crate::registration::verification::verifier::{Assessment, Assessor};
-use crate::registration::pairwise::estimate::estimate;
-use crate::registration::pairwise::correspondences::Correspondences;
-use crate::registration::input::ScanInput;
-use crate::registration::pairwise::matching::NearestCache;
-use crate::registration::incremental::meta_shape::MetaShape;
-use crate::registration::pairwise::nearest::Columns;
-use crate::registration::verification::surface_fit::Posed;
 use crate::error::Result;
 use crate::geometry::RigidMotion;
 use crate::monitor::Monitor;
+use crate::registration::config::EstimatorConfig;
+use crate::registration::input::{ContentDigest, ScanInput};
+use crate::registration::pairwise::correspondences::Correspondences;
+use crate::registration::pairwise::matching::MatchTarget;
+use crate::registration::pairwise::registrar::{PairHypotheses, PairRegistrar};
+use crate::registration::verification::surface_fit::Posed;
+use crate::registration::verification::verifier::{ScoredHypothesis, Verifier};
 use crate::scan::{ScanId, SimilarityMatrix};
 use rayon::prelude::*;
 
@@ -22,18 +21,18 @@ pub struct ScanPair {
     pub i: ScanId,
     /// The other one.
     pub j: ScanId,
-    /// Mutual matches, as `(keypoint of i, keypoint of j)`; none without a hypothesis. A large pile has
+    /// Mutual matches, as `(keypoint of i, keypoint of j)`; none without a hypothesis. A large collection of scans has
     /// tens of thousands of pairs, so that nothing more is kept of them.
     pub matches: Box<[(u32, u32)]>,
     /// Distinct hypotheses `i_from_j`, most probable first.
-    pub hypotheses: Vec<Assessment>,
+    pub hypotheses: Vec<ScoredHypothesis>,
 }
 
 impl ScanPair {
-    /// Puts the hypotheses in the order of what the assessor makes of their evidence.
-    pub fn reassess(&mut self, assessor: &Assessor<'_>) {
+    /// Puts the hypotheses in the order of what the verifier makes of their evidence.
+    pub fn rescore(&mut self, verifier: &Verifier<'_>) {
         for h in &mut self.hypotheses {
-            h.support.probability = Some(assessor.probability(&h.support));
+            h.evidence.probability = Some(verifier.probability(&h.evidence));
         }
         self.hypotheses.sort_by(|x, y| y.probability().total_cmp(&x.probability()));
     }
@@ -60,16 +59,18 @@ pub fn most_similar_pairs(
     pairs
 }
 
-/// Registers pairs of scans.
-pub struct PairRegistration<'a> {
+/// Registers pairs of scans and scores what is found.
+pub struct PairScorer<'a> {
     scans: &'a [ScanInput<'a>],
+    estimator: &'a EstimatorConfig,
+    digests: Vec<ContentDigest>,
     seed: u64,
 }
 
-impl<'a> PairRegistration<'a> {
+impl<'a> PairScorer<'a> {
     /// Registers pairs of these scans with random numbers of `seed`.
-    pub fn new(scans: &'a [ScanInput<'a>], seed: u64) -> Self {
-        Self { scans, seed }
+    pub fn new(scans: &'a [ScanInput<'a>], estimator: &'a EstimatorConfig, seed: u64) -> Self {
+        Self { scans, estimator, digests: scans.par_iter().map(ContentDigest::of).collect(), seed }
     }
 
     /// Registers pairs, in their order, and weighs what is found.
@@ -79,7 +80,7 @@ impl<'a> PairRegistration<'a> {
     pub fn register(
         &self,
         pairs: &[(ScanId, ScanId)],
-        assessor: &Assessor<'_>,
+        verifier: &Verifier<'_>,
         monitor: &dyn Monitor,
     ) -> Result<Vec<ScanPair>> {
         const STAGE: &str = "pairs";
@@ -88,7 +89,7 @@ impl<'a> PairRegistration<'a> {
             .par_iter()
             .map(|&(i, j)| {
                 monitor.check("registration")?;
-                let pair = self.register_one(i, j, assessor);
+                let pair = self.register_one(i, j, verifier);
                 monitor.advance(1);
                 Ok(pair)
             })
@@ -97,21 +98,18 @@ impl<'a> PairRegistration<'a> {
         registered
     }
 
-    fn register_one(&self, i: ScanId, j: ScanId, assessor: &Assessor<'_>) -> ScanPair {
-        let target = MetaShape::new(i, self.scans[i.0].features);
-        let mut nearest = NearestCache::new(Columns::new(&self.scans[j.0].features.descriptors));
-        nearest.update(&target);
-        let matches = nearest.mutual(&self.scans[j.0].features.keypoints, &target);
-        let config = assessor.config;
-        // One stream of random numbers a pair: the outcome depends on the pair alone.
-        let stream = ((i.0 as u64) << 32) | (j.0 as u64 + 1);
-        let seed = self.seed ^ stream.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        let proposals = estimate(&matches, &config.estimator, assessor.radius_m, seed);
+    fn register_one(&self, i: ScanId, j: ScanId, verifier: &Verifier<'_>) -> ScanPair {
+        let [target, source] = [i, j].map(|s| self.scans[s.0].features);
+        let contents = [self.digests[i.0], self.digests[j.0]];
+        let registrar =
+            PairRegistrar { config: self.estimator, radius_m: verifier.radius_m, seed: self.seed };
+        let PairHypotheses { matches, hypotheses: proposals } =
+            registrar.register(&MatchTarget::of_scan(target), source, &contents);
         let motions: Vec<_> = proposals.into_iter().map(|p| p.target_from_source).collect();
         let alone =
-            |s: ScanId| [Posed { model: &assessor.models[s.0], group_from_scan: RigidMotion::identity() }];
+            |s: ScanId| [Posed { model: &verifier.models[s.0], group_from_scan: RigidMotion::identity() }];
         let correspondences = Correspondences::new(&matches.source, &matches.target);
-        let hypotheses = assessor.assess(&alone(i), &alone(j), &motions, &correspondences);
+        let hypotheses = verifier.score(&alone(i), &alone(j), &motions, &correspondences);
         let of_scans = matches.pairs.iter().map(|&(of_j, of_i)| (of_i, of_j));
         let matches = if hypotheses.is_empty() { Box::default() } else { of_scans.collect() };
         ScanPair { i, j, matches, hypotheses }

@@ -1,25 +1,25 @@
 //! Poses of a component refined together, and joins that are judged after that.
 
-use crate::registration::config::JointConfig;
-use crate::registration::pairwise::correspondences::Correspondences;
-use crate::registration::multiview_icp::{JointScan, MatchedPair, close_loops, refine_jointly};
-use crate::registration::agglomerative::pairs::ScanPair;
-use super::agglomeration::{Assembly, Component, ComponentId};
+use super::agglomeration::{Agglomeration, Component, ComponentId};
 use crate::error::Result;
 use crate::geometry::{Point, RigidMotion};
 use crate::monitor::Monitor;
+use crate::registration::agglomerative::pairs::ScanPair;
+use crate::registration::config::MultiviewIcpConfig;
+use crate::registration::multiview_icp::{MatchedPair, PosedScan, close_loops, refine_poses};
+use crate::registration::pairwise::correspondences::Correspondences;
 use crate::scan::ScanId;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
-impl Assembly<'_> {
+impl Agglomeration<'_> {
     /// Refines components that grew enough since the last time, with a coarse setting.
     ///
     /// # Errors
     /// Only when the monitor is cancelled.
     pub fn refine_grown(&mut self, monitor: &dyn Monitor) -> Result<()> {
-        let joint = &self.config().joint;
-        if !joint.enabled || joint.growth <= 1.0 {
+        let multiview_icp = self.multiview_icp;
+        if !multiview_icp.enabled || self.settings.refine_growth <= 1.0 {
             return Ok(());
         }
         let coarse = self.coarse();
@@ -27,22 +27,23 @@ impl Assembly<'_> {
             .components
             .iter()
             .filter(|(_, c)| {
-                c.members.len() > 2 && c.members.len() as f64 >= joint.growth * c.refined_at as f64
+                c.members.len() > 2
+                    && c.members.len() as f64 >= self.settings.refine_growth * c.refined_at as f64
             })
             .map(|c| *c.0)
             .collect();
         self.refine(&due, &coarse, monitor)
     }
 
-    /// The joint refinement as it is made while components still grow.
-    pub(super) fn coarse(&self) -> JointConfig {
-        let joint = &self.config().joint;
-        JointConfig {
-            points_per_scan: (joint.points_per_scan / 4).max(1),
-            radii: joint.radii.iter().copied().filter(|&r| r >= 1.0).collect(),
+    /// The multiview ICP as it is made while components still grow.
+    pub(super) fn coarse(&self) -> MultiviewIcpConfig {
+        let multiview_icp = self.multiview_icp;
+        MultiviewIcpConfig {
+            points_per_scan: (multiview_icp.points_per_scan / 4).max(1),
+            radii: multiview_icp.radii.iter().copied().filter(|&r| r >= 1.0).collect(),
             rounds: 2,
             colour: 0.0,
-            ..joint.clone()
+            ..multiview_icp.clone()
         }
     }
 
@@ -52,10 +53,10 @@ impl Assembly<'_> {
     /// # Errors
     /// Only when the monitor is cancelled.
     pub fn refine_all(&mut self, monitor: &dyn Monitor) -> Result<()> {
-        if !self.config().joint.enabled {
+        if !self.multiview_icp.enabled {
             return Ok(());
         }
-        let full = self.config().joint.clone();
+        let full = self.multiview_icp.clone();
         let unsettled = |id: &ComponentId| !self.settled.contains(id);
         let due: Vec<ComponentId> = self.components.keys().copied().filter(unsettled).collect();
         self.refine(&due, &full, monitor)?;
@@ -63,9 +64,14 @@ impl Assembly<'_> {
         Ok(())
     }
 
-    /// Refines components side by side; then what is known of their links is measured anew where that
+    /// Refines components side by side; then what is known of their edges is measured anew where that
     /// moved anything.
-    pub(super) fn refine(&mut self, due: &[ComponentId], config: &JointConfig, monitor: &dyn Monitor) -> Result<()> {
+    pub(super) fn refine(
+        &mut self,
+        due: &[ComponentId],
+        config: &MultiviewIcpConfig,
+        monitor: &dyn Monitor,
+    ) -> Result<()> {
         let refined: Result<Vec<Component>> = due
             .par_iter()
             .map(|id| {
@@ -78,9 +84,8 @@ impl Assembly<'_> {
         for (&id, component) in due.iter().zip(refined?) {
             moved.push((id, self.moved(&self.components[&id].members, &component.members)));
             self.components.insert(id, component);
-            self.reviewed.remove(&id);
         }
-        moved.iter().for_each(|(id, scans)| self.renew_links(*id, scans));
+        moved.iter().for_each(|(id, scans)| self.rescore_edges(*id, scans));
         Ok(())
     }
 
@@ -93,10 +98,10 @@ impl Assembly<'_> {
         /// A shift of this many radii does not.
         const UNFELT: f64 = 0.1;
         let far = |&(old, new): &(&(ScanId, RigidMotion), &(ScanId, RigidMotion))| {
-            let model = &self.assessor.models[old.0.0];
+            let model = &self.verifier.models[old.0.0];
             let centre = model.centre.cast::<f64>();
             let turned = old.1.rotation.angle_to(&new.1.rotation) * f64::from(model.reach_m);
-            (old.1 * centre - new.1 * centre).norm() + turned > UNFELT * self.assessor.radius_m
+            (old.1 * centre - new.1 * centre).norm() + turned > UNFELT * self.verifier.radius_m
         };
         before.iter().zip(after).filter(far).flat_map(|(old, new)| [*old, *new]).collect()
     }
@@ -106,23 +111,23 @@ impl Assembly<'_> {
         &self,
         component: &mut Component,
         newcomers: &BTreeSet<ScanId>,
-        config: &JointConfig,
+        config: &MultiviewIcpConfig,
         monitor: &dyn Monitor,
     ) -> Result<()> {
-        let models = self.assessor.models;
+        let models = self.verifier.models;
         let poses: Vec<RigidMotion> = component.members.iter().map(|m| m.1).collect();
-        let poses = if config.close_loops {
-            close_loops(&poses, &self.matched_pairs(component, newcomers), self.assessor.radius_m)
+        let poses = if self.settings.close_loops {
+            close_loops(&poses, &self.matched_pairs(component, newcomers), self.verifier.radius_m)
         } else {
             poses
         };
-        let scans: Vec<JointScan<'_>> = component
+        let scans: Vec<PosedScan<'_>> = component
             .members
             .iter()
             .zip(poses)
-            .map(|(m, world_from_scan)| JointScan { model: &models[m.0.0], world_from_scan })
+            .map(|(m, world_from_scan)| PosedScan { model: &models[m.0.0], world_from_scan })
             .collect();
-        let refined = refine_jointly(&scans, config, self.assessor.radius_m, monitor)?;
+        let refined = refine_poses(&scans, config, self.verifier.radius_m, monitor)?;
         for (member, pose) in component.members.iter_mut().zip(refined) {
             member.1 = pose;
         }
@@ -132,7 +137,11 @@ impl Assembly<'_> {
 
     /// What the registered pairs within a component say of their relative poses; pairs that
     /// contradict these by far more than what adds up along the way say nothing.
-    pub(super) fn matched_pairs(&self, component: &Component, newcomers: &BTreeSet<ScanId>) -> Vec<MatchedPair> {
+    pub(super) fn matched_pairs(
+        &self,
+        component: &Component,
+        newcomers: &BTreeSet<ScanId>,
+    ) -> Vec<MatchedPair> {
         let place: BTreeMap<ScanId, usize> =
             component.members.iter().enumerate().map(|(m, member)| (member.0, m)).collect();
         self.pairs
@@ -172,7 +181,7 @@ impl Assembly<'_> {
         let (apart, points, probability) = probable
             .take(if on_trial { usize::MAX } else { 1 })
             .map(|h| {
-                let inliers = all.inliers(&h.a_from_b, self.assessor.radius_m);
+                let inliers = all.inliers(&h.a_from_b, self.verifier.radius_m);
                 let step = inliers.len().div_ceil(POINTS).max(1);
                 let points: Vec<(Point, Point)> =
                     inliers.iter().step_by(step).map(|&k| (in_i[k], in_j[k])).collect();
@@ -182,6 +191,6 @@ impl Assembly<'_> {
                 (mean, points, h.probability())
             })
             .min_by(|x, y| x.0.total_cmp(&y.0))?;
-        (apart <= (FAR * self.assessor.radius_m).powi(2)).then_some((points, probability))
+        (apart <= (FAR * self.verifier.radius_m).powi(2)).then_some((points, probability))
     }
 }

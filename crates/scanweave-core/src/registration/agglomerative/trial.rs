@@ -4,15 +4,15 @@
 //! well before its poses give way; and two places that look alike give more inliers than a narrow
 //! overlap does, until a trial shows that nothing can make them fit.
 
-use crate::registration::verification::verifier::{Assessment, fit_stride};
-use crate::registration::config::JointConfig;
-use crate::geometry::rigid::same_motion;
-use crate::registration::agglomerative::pairs::ScanPair;
-use super::agglomeration::{Assembly, Component, ComponentId, Proposal};
+use super::agglomeration::{Agglomeration, Component, ComponentId, Proposal};
 use crate::error::Result;
 use crate::geometry::RigidMotion;
+use crate::geometry::rigid::same_motion;
 use crate::monitor::Monitor;
-use crate::scan::{ScanId, Support};
+use crate::registration::agglomerative::pairs::ScanPair;
+use crate::registration::config::MultiviewIcpConfig;
+use crate::registration::verification::verifier::{ScoredHypothesis, fit_stride};
+use crate::scan::{Evidence, ScanId};
 use nalgebra::Point3;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
@@ -20,10 +20,10 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Proposals that are tried at a time.
 const TRIALS: usize = 10;
 /// Of them, proposals for the same two components.
-const TRIALS_PER_LINK: usize = 4;
+const TRIALS_PER_EDGE: usize = 4;
 /// Probability, rivals apart, from which a proposal is tried.
 pub(super) const WORTH_TRYING: f64 = 0.01;
-/// Violation, where viewpoints are believed, that no trial makes good.
+/// Violation, where viewpoints are reliable, that no trial makes good.
 const HOPELESS: f64 = 0.3;
 /// Probability, rivals apart, below which a trial has refuted a proposal.
 const REFUTED: f64 = 0.5;
@@ -51,7 +51,7 @@ struct Trial {
     /// Centre of the second of them, in the frame of its component.
     centre: Point3<f64>,
     /// The evidence after the refinement, as if there were no rival.
-    support: Support,
+    evidence: Evidence,
 }
 
 impl Trial {
@@ -62,7 +62,7 @@ impl Trial {
     }
 }
 
-impl Assembly<'_> {
+impl Agglomeration<'_> {
     /// Tries the most promising joins and makes those that suffice, the most probable first, and of
     /// those that have a component in common one; `false` when none does.
     ///
@@ -78,27 +78,27 @@ impl Assembly<'_> {
             worth.par_iter().map(|proposal| self.try_out(*proposal, &coarse, monitor)).collect();
         let trials: Vec<Trial> = trials?.into_iter().flatten().collect();
         for trial in &trials {
-            tracing::debug!("trial {}: then {:?}", self.describe(&trial.proposal), trial.support);
+            tracing::debug!("trial {}: then {:?}", self.describe(&trial.proposal), trial.evidence);
         }
-        let mut sufficient: Vec<(usize, Support)> = (0..trials.len())
+        let mut sufficient: Vec<(usize, Evidence)> = (0..trials.len())
             .map(|at| (at, self.judged(&trials, at)))
-            .filter(|(_, support)| self.probability(support) >= self.config().evidence.accept)
+            .filter(|(_, evidence)| self.probability(evidence) >= self.verifier.settings.accept)
             .collect();
         // One that suffices and cannot be made now has not failed: it is tried again.
         for key in worth.iter().map(|p| (p.a, p.b)) {
             if !sufficient.iter().any(|&(at, _)| trials[at].key == key) {
-                self.links.entry(key).and_modify(|link| link.tried = true);
+                self.edges.entry(key).and_modify(|edge| edge.tried = true);
             }
         }
         sufficient
             .sort_by(|x, y| self.probability(&y.1).total_cmp(&self.probability(&x.1)).then(x.0.cmp(&y.0)));
         let mut trials: Vec<Option<Trial>> = trials.into_iter().map(Some).collect();
         let mut any = false;
-        for (at, support) in sufficient {
+        for (at, evidence) in sufficient {
             let Some(trial) = trials[at].take() else { continue };
             if [trial.key.0, trial.key.1].iter().all(|id| self.components.contains_key(id)) {
-                let probability = Some(self.probability(&support));
-                self.make(trial, Support { probability, ..support });
+                let probability = Some(self.probability(&evidence));
+                self.make(trial, Evidence { probability, ..evidence });
                 any = true;
             }
         }
@@ -106,7 +106,7 @@ impl Assembly<'_> {
     }
 
     /// Makes a join that was tried.
-    pub(super) fn make(&mut self, trial: Trial, support: Support) {
+    fn make(&mut self, trial: Trial, evidence: Evidence) {
         let Proposal { a, b, .. } = trial.proposal;
         for component in [a, b].map(|id| &self.components[&id]) {
             if let [(alone, _)] = component.members[..] {
@@ -115,60 +115,66 @@ impl Assembly<'_> {
         }
         if trial.whole {
             let mut joined = trial.refined;
-            joined.joins.last_mut().into_iter().for_each(|join| join.support = support);
+            joined.joins.last_mut().into_iter().for_each(|join| join.evidence = evidence);
             self.replace(&[a, b], joined, None);
         } else {
-            let assessment = Assessment { a_from_b: trial.a_from_b, support };
-            self.join(&Proposal { assessment, ..trial.proposal });
+            let scored = ScoredHypothesis { a_from_b: trial.a_from_b, evidence };
+            self.join(&Proposal { scored, ..trial.proposal });
         }
     }
 
-    pub(super) fn probability(&self, support: &Support) -> f64 {
-        self.assessor.probability(support)
+    fn probability(&self, evidence: &Evidence) -> f64 {
+        self.verifier.probability(evidence)
     }
 
     /// Probability if there were no rival.
-    pub(super) fn unrivalled(&self, support: &Support) -> f64 {
-        self.probability(&Support { runner_up: 0, ..*support })
+    pub(super) fn unrivalled(&self, evidence: &Evidence) -> f64 {
+        self.probability(&Evidence { second_best_inliers: 0, ..*evidence })
     }
 
-    /// Proposals in the order in which they deserve a trial; links that failed before do not.
-    pub(super) fn worth_trying(&self) -> Vec<Proposal> {
+    /// Whether so much lies in space seen to be empty that no trial makes it good.
+    fn is_seen_through(&self, evidence: &Evidence) -> bool {
+        let free_space = self.verifier.settings.free_space && self.verifier.viewpoints_reliable;
+        free_space && evidence.free_space_violation > HOPELESS
+    }
+
+    /// Proposals in the order in which they deserve a trial; edges that failed before do not.
+    fn worth_trying(&self) -> Vec<Proposal> {
         let mut worth = Vec::new();
-        for (key, link) in &self.links {
+        for (key, edge) in &self.edges {
             let alone = self.components[&key.0].members.len() + self.components[&key.1].members.len() <= 2;
-            if alone || link.tried {
+            if alone || edge.tried {
                 continue;
             }
-            let mut of_link: Vec<(f64, Assessment, usize)> = link
-                .assessed
+            let mut of_edge: Vec<(f64, ScoredHypothesis, usize)> = edge
+                .scored
                 .iter()
                 .flatten()
-                .map(|&(found, pair)| (self.unrivalled(&found.support), found, pair))
+                .map(|&(found, pair)| (self.unrivalled(&found.evidence), found, pair))
                 .filter(|found| found.0 >= WORTH_TRYING)
-                .filter(|found| !self.assessor.sight_trusted || found.1.support.violation <= HOPELESS)
+                .filter(|found| !self.is_seen_through(&found.1.evidence))
                 .collect();
-            of_link.sort_by(|x, y| y.0.total_cmp(&x.0));
-            of_link.truncate(TRIALS_PER_LINK);
-            worth.extend(of_link.into_iter().map(|(p, found, pair)| (p, *key, found, pair)));
+            of_edge.sort_by(|x, y| y.0.total_cmp(&x.0));
+            of_edge.truncate(TRIALS_PER_EDGE);
+            worth.extend(of_edge.into_iter().map(|(p, found, pair)| (p, *key, found, pair)));
         }
         worth.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
         worth.truncate(TRIALS);
-        let proposal = |(_, (a, b), assessment, pair)| Proposal { a, b, assessment, pair };
+        let proposal = |(_, (a, b), scored, pair)| Proposal { a, b, scored, pair };
         worth.into_iter().map(proposal).collect()
     }
 
     /// Makes a join on the side, refines the poses around it, and measures how the two sides then sit.
-    pub(super) fn try_out(
+    fn try_out(
         &self,
         proposal: Proposal,
-        coarse: &JointConfig,
+        coarse: &MultiviewIcpConfig,
         monitor: &dyn Monitor,
     ) -> Result<Option<Trial>> {
         let key = (proposal.a, proposal.b);
         let (ca, cb) = (&self.components[&key.0], &self.components[&key.1]);
         let pair = &self.pairs[proposal.pair];
-        let a_from_b = proposal.assessment.a_from_b;
+        let a_from_b = proposal.scored.a_from_b;
         let near_a = self.vicinity(ca, cb, &a_from_b, pair);
         let near_b = self.vicinity(cb, ca, &a_from_b.inverse(), pair);
         let Some(mut joined) = self.joined(&near_a, &near_b, &proposal) else { return Ok(None) };
@@ -185,21 +191,30 @@ impl Assembly<'_> {
             return Ok(None);
         };
         let a_from_b = in_a * first.inverse() * second * in_b.inverse();
-        let centre = in_b * self.assessor.models[j.0].centre.cast::<f64>();
+        let centre = in_b * self.verifier.models[j.0].centre.cast::<f64>();
         let poses = |m: &[(ScanId, RigidMotion)]| m.iter().copied().collect::<BTreeMap<_, _>>();
-        let matches = self.matches_between(&self.links[&key].pairs, &poses(&a), &poses(&b));
+        let matches = self.matches_between(&self.edges[&key].pairs, &poses(&a), &poses(&b));
         let stay = RigidMotion::identity();
-        let inliers = matches.count(&stay, self.assessor.radius_m);
+        let inliers = matches.count(&stay, self.verifier.radius_m);
         let (a, b) = (self.posed(&a), self.posed(&b));
-        let support =
-            self.assessor.measure(&a, &b, &stay, &matches, (inliers, 0), fit_stride(&a, &b)).support;
+        let evidence =
+            self.verifier.measure(&a, &b, &stay, &matches, (inliers, 0), fit_stride(&a, &b)).evidence;
         let whole = near_a.members.len() == ca.members.len() && near_b.members.len() == cb.members.len();
-        Ok(Some(Trial { key, proposal, refined: joined, whole, junction: (i, j), a_from_b, centre, support }))
+        Ok(Some(Trial {
+            key,
+            proposal,
+            refined: joined,
+            whole,
+            junction: (i, j),
+            a_from_b,
+            centre,
+            evidence,
+        }))
     }
 
     /// The part of a component that is nearest to another one, in the order of its members; the scan of
     /// the pair that links the two is always in it.
-    pub(super) fn vicinity(
+    fn vicinity(
         &self,
         component: &Component,
         other: &Component,
@@ -210,7 +225,7 @@ impl Assembly<'_> {
             return component.clone();
         }
         let centre =
-            |&(scan, pose): &(ScanId, RigidMotion)| pose * self.assessor.models[scan.0].centre.cast();
+            |&(scan, pose): &(ScanId, RigidMotion)| pose * self.verifier.models[scan.0].centre.cast();
         let others: Vec<Point3<f64>> =
             other.members.iter().map(|m| component_from_other * centre(m)).collect();
         let away = |m: &(ScanId, RigidMotion)| {
@@ -228,23 +243,23 @@ impl Assembly<'_> {
         Component { members, joins: Vec::new(), refined_at: component.refined_at }
     }
 
-    /// The support of a trial in the light of the others for the same two components.
-    pub(super) fn judged(&self, trials: &[Trial], at: usize) -> Support {
+    /// The evidence of a trial in the light of the others for the same two components.
+    fn judged(&self, trials: &[Trial], at: usize) -> Evidence {
         let trial = &trials[at];
         // Two proposals may lead to one place.
-        let radius_m = self.assessor.radius_m;
+        let radius_m = self.verifier.radius_m;
         let elsewhere = |t: &&Trial| match (t.relative(trial.junction), trial.relative(trial.junction)) {
             (Some(one), Some(other)) => {
-                let centre = self.assessor.models[trial.junction.1.0].centre.cast();
+                let centre = self.verifier.models[trial.junction.1.0].centre.cast();
                 !same_motion(&one, &other, &centre, radius_m)
             }
             _ => !same_motion(&t.a_from_b, &trial.a_from_b, &trial.centre, radius_m),
         };
         let rivals = trials.iter().filter(|t| t.key == trial.key).filter(elsewhere);
         let standing =
-            rivals.filter(|t| self.unrivalled(&t.support) >= REFUTED).map(|t| t.support.inliers).max();
-        let refuted = trial.proposal.assessment.support.runner_up.div_ceil(REFUTED_RIVAL);
-        Support { runner_up: standing.unwrap_or(0).max(refuted), ..trial.support }
+            rivals.filter(|t| self.unrivalled(&t.evidence) >= REFUTED).map(|t| t.evidence.inliers).max();
+        let refuted = trial.proposal.scored.evidence.second_best_inliers.div_ceil(REFUTED_RIVAL);
+        Evidence { second_best_inliers: standing.unwrap_or(0).max(refuted), ..trial.evidence }
     }
 }
 
@@ -252,9 +267,9 @@ impl Assembly<'_> {
 mod tests {
     use super::*;
     use crate::geometry::{Direction, Point};
-    use crate::registration::verification::verifier::Assessor;
-    use crate::registration::config::RegistrationConfig;
+    use crate::registration::config::{RegistrationConfig, SurfaceVerification};
     use crate::registration::scan_model::ScanModel;
+    use crate::registration::verification::verifier::Verifier;
     use crate::scan::Surface;
 
     #[test]
@@ -262,10 +277,12 @@ mod tests {
         let points = vec![Point::new(-0.1, 0.0, 0.0), Point::new(0.1, 0.0, 0.0)];
         let surface = Surface { normals: vec![Direction::z(); 2], points, ..Surface::default() };
         let config = RegistrationConfig::default();
+        let settings = SurfaceVerification::default();
         let models: Vec<ScanModel<'_>> =
             (0..101).map(|_| ScanModel::with_sizes(&surface, 0.07, 2, 0.14)).collect();
-        let assessor = Assessor { models: &models, config: &config, radius_m: 0.07, sight_trusted: false };
-        let assembly = Assembly::new(&assessor, vec![&[]; 101], &[]);
+        let verifier =
+            Verifier { models: &models, settings: &settings, radius_m: 0.07, viewpoints_reliable: false };
+        let agglomeration = Agglomeration::new(&verifier, &config, vec![&[]; 101], &[]);
         let component = |members: Vec<(ScanId, RigidMotion)>| Component {
             refined_at: members.len(),
             members,
@@ -284,7 +301,7 @@ mod tests {
             hypotheses: Vec::new(),
         };
         let near = |i: usize| -> Vec<usize> {
-            let near = assembly.vicinity(&component(row.clone()), &other, &row_from_other, &pair(i));
+            let near = agglomeration.vicinity(&component(row.clone()), &other, &row_from_other, &pair(i));
             near.members.iter().map(|m| m.0.0).collect()
         };
         let of_row = |chosen: &dyn Fn(usize) -> bool| -> Vec<usize> {
@@ -294,7 +311,7 @@ mod tests {
         // A linking scan at the other end takes the place of the furthest.
         assert_eq!(near(3), of_row(&|k| k >= 61 || k == 3));
         let few = component(row[..VICINITY].to_vec());
-        let all = assembly.vicinity(&few, &other, &row_from_other, &pair(99));
+        let all = agglomeration.vicinity(&few, &other, &row_from_other, &pair(99));
         assert_eq!(all.members.len(), VICINITY);
     }
 }

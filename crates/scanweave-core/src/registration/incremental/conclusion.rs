@@ -1,8 +1,8 @@
 //! From a finished growth to one outcome a scan.
 
-use crate::registration::neighbours::neighbours;
 use super::growth::{Growth, Member};
 use crate::registration::input::MIN_KEYPOINTS;
+use crate::registration::neighbours::neighbours;
 use crate::scan::{DeclineReason, Outcome, Placement, Reconstruction};
 
 impl Growth<'_> {
@@ -25,12 +25,12 @@ impl Growth<'_> {
                     component,
                     step,
                     parent: attempt.and_then(|a| a.parent),
-                    matches: attempt.map_or(0, |a| a.support.matches),
-                    inliers: attempt.map_or(0, |a| a.support.inliers),
+                    matches: attempt.map_or(0, |a| a.evidence.matches),
+                    inliers: attempt.map_or(0, |a| a.evidence.inliers),
                     residual_m: attempt.map_or(0.0, |a| a.residual_m),
-                    support: attempt.map(|a| a.support),
+                    evidence: attempt.map(|a| a.evidence),
                     neighbours,
-                    hold: None,
+                    pose_uncertainty: None,
                 });
             }
         }

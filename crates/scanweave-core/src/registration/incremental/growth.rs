@@ -3,26 +3,28 @@
 //! [`crate::registration::input`] says when each step happens; this file says how.
 
 use super::candidate::Candidate;
-use crate::registration::config::RegistrationConfig;
-use crate::registration::pairwise::correspondences::Correspondences;
-use crate::registration::verification::decline;
-use crate::registration::verification::probability;
-use crate::registration::input::{Lengths, MIN_KEYPOINTS, ScanInput};
-use crate::registration::multiview_icp::{JointScan, refine_jointly};
-use crate::registration::pairwise::matching::Matches;
-use crate::registration::incremental::meta_shape::MetaShape;
-use crate::registration::pairwise::nearest::Columns;
-use crate::registration::incremental::transformation_averaging::{Registered, average_observations};
-use crate::registration::scan_model::ScanModel;
-use crate::registration::verification::surface_fit::{Posed, surface_fit};
 use crate::error::Result;
 use crate::geometry::RigidMotion;
 use crate::geometry::neighbours::RadiusGrid;
 use crate::geometry::rigid::PointMover;
 use crate::monitor::Monitor;
-use crate::scan::{DeclineReason, ScanId, SimilarityMatrix, Support};
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
+use crate::random::generator;
+use crate::registration::config::{IncrementalConfig, Ordering, RegistrationConfig, SurfaceVerification};
+use crate::registration::incremental::meta_shape::MetaShape;
+use crate::registration::incremental::transformation_averaging::{Registered, average_observations};
+use crate::registration::input::{ContentDigest, Lengths, MIN_KEYPOINTS, ScanInput};
+use crate::registration::multiview_icp::{PosedScan, refine_poses};
+use crate::registration::pairwise::correspondences::Correspondences;
+use crate::registration::pairwise::matching::Matches;
+use crate::registration::pairwise::nearest::Columns;
+use crate::registration::pairwise::registrar::PairRegistrar;
+use crate::registration::scan_model::ScanModel;
+use crate::registration::usability;
+use crate::registration::verification::decline;
+use crate::registration::verification::probability;
+use crate::registration::verification::surface_fit::{Posed, surface_fit};
+use crate::registration::verification::verifier::{ScoredHypothesis, Verifier};
+use crate::scan::{DeclineReason, Evidence, ScanId, SimilarityMatrix};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -34,7 +36,7 @@ pub struct Attempt {
     /// Its pose by the robust estimate; identity when there is none.
     pub world_from_scan: RigidMotion,
     /// What speaks for the pose.
-    pub support: Support,
+    pub evidence: Evidence,
     /// Root mean square distance of the inlier matches, metres.
     pub residual_m: f64,
     /// Registered scan that the largest part of the inliers comes from.
@@ -57,12 +59,17 @@ pub struct Growth<'a> {
     pub(super) scans: &'a [ScanInput<'a>],
     pub(super) similarity: &'a SimilarityMatrix,
     pub(super) config: &'a RegistrationConfig,
+    settings: &'a IncrementalConfig,
     pub(super) radius_m: f32,
     pub(super) seed: u64,
     /// Keypoints of every scan, indexed in its own frame with radius τ.
     pub(super) grids: Vec<RadiusGrid<'a>>,
     /// Surfaces of every scan; empty where surfaces are not checked.
     pub(super) models: Vec<ScanModel<'a>>,
+    /// What every scan is, for its random numbers.
+    digests: Vec<ContentDigest>,
+    /// Whether the joins made so far show that viewpoints are reliable.
+    viewpoints_reliable: bool,
     /// Descriptors of every scan, packed for matching.
     pub(super) columns: Vec<Columns>,
     /// Scans without an outcome yet.
@@ -85,6 +92,7 @@ impl<'a> Growth<'a> {
         scans: &'a [ScanInput<'a>],
         similarity: &'a SimilarityMatrix,
         config: &'a RegistrationConfig,
+        settings: &'a IncrementalConfig,
         lengths: Lengths,
         seed: u64,
     ) -> Self {
@@ -92,19 +100,25 @@ impl<'a> Growth<'a> {
         let mut refusals: Vec<Option<DeclineReason>> = vec![None; scans.len()];
         let mut remaining = Vec::new();
         for (i, scan) in scans.iter().enumerate() {
-            match decline::unusable(scan, MIN_KEYPOINTS, lengths.voxel_m) {
+            match usability::unusable(scan, MIN_KEYPOINTS, lengths.voxel_m) {
                 Some(reason) => refusals[i] = Some(reason),
                 None => remaining.push(ScanId(i)),
             }
         }
         let grids = scans.par_iter().map(|s| RadiusGrid::new(&s.features.keypoints, radius_m)).collect();
-        let checked = if config.checks_surfaces() || config.joint.enabled { scans } else { &[] };
+        let compared = config.verification.surfaces().is_some()
+            || settings.ordering == Ordering::Overlap
+            || config.multiview_icp.enabled;
+        let checked = if compared { scans } else { &[] };
         let models = checked.par_iter().map(|s| ScanModel::new(s.surface, radius_m, config)).collect();
         let columns = scans.par_iter().map(|s| Columns::new(&s.features.descriptors)).collect();
         Self {
             scans,
             similarity,
             config,
+            settings,
+            digests: scans.par_iter().map(ContentDigest::of).collect(),
+            viewpoints_reliable: false,
             radius_m,
             seed,
             grids,
@@ -151,6 +165,7 @@ impl<'a> Growth<'a> {
     /// match, robust estimate, refinement, evidence.
     pub fn register_pairwise(&mut self, shortlist: &[ScanId]) -> Vec<Attempt> {
         let Some(meta) = &self.meta else { return Vec::new() };
+        let (target, registrar) = (meta.as_target(), self.registrar());
         let mut tried: Vec<(ScanId, Candidate)> = shortlist
             .iter()
             .map(|&scan| {
@@ -161,7 +176,8 @@ impl<'a> Growth<'a> {
         let attempts: Vec<Attempt> = tried
             .par_iter_mut()
             .map(|(scan, candidate)| {
-                candidate.update(self.scans[scan.0], meta, self.config, self.radius_m, self.seed, *scan);
+                let features = self.scans[scan.0].features;
+                candidate.update(features, self.digests[scan.0], &target, &registrar);
                 self.judge(*scan, candidate, meta)
             })
             .collect();
@@ -174,76 +190,89 @@ impl<'a> Growth<'a> {
         attempts
     }
 
-    /// The best-supported hypothesis of a candidate, with its evidence.
+    fn registrar(&self) -> PairRegistrar<'a> {
+        let config = &self.config.estimator;
+        PairRegistrar { config, radius_m: f64::from(self.radius_m), seed: self.seed }
+    }
+
+    /// The most probable hypothesis of a candidate, or without surfaces the one with most inliers.
     fn judge(&self, scan: ScanId, candidate: &Candidate, meta: &MetaShape) -> Attempt {
-        let placed = self.placed_surfaces();
-        let considered = if placed.is_empty() { 1 } else { self.config.evidence.hypotheses };
-        let assessed = (0..candidate.hypotheses.len().min(considered))
-            .map(|h| (h, self.assess(scan, candidate, h, &placed)))
-            .reduce(|best, next| if next.1.probability > best.1.probability { next } else { best });
-        let Some((chosen, support)) = assessed else {
-            let support = Support { matches: candidate.matches.len(), ..Support::default() };
-            return self.attempt(scan, RigidMotion::identity(), support, 0.0, None);
+        let scored = match self.config.verification.surfaces() {
+            Some(settings) => self.score(settings, scan, candidate),
+            None => self.count_inliers(scan, candidate),
         };
-        let world_from_scan = candidate.hypotheses[chosen].target_from_source;
+        let Some(ScoredHypothesis { a_from_b: world_from_scan, evidence }) = scored else {
+            let evidence = Evidence { matches: candidate.matches.len(), ..Evidence::default() };
+            return self.attempt(scan, RigidMotion::identity(), evidence, 0.0, None);
+        };
         let (residual_m, parent) = self.inlier_summary(&candidate.matches, &world_from_scan, meta);
-        self.attempt(scan, world_from_scan, support, residual_m, parent)
+        self.attempt(scan, world_from_scan, evidence, residual_m, parent)
+    }
+
+    /// Scores the hypotheses of a candidate against the component.
+    fn score(
+        &self,
+        settings: &SurfaceVerification,
+        scan: ScanId,
+        candidate: &Candidate,
+    ) -> Option<ScoredHypothesis> {
+        let (models, viewpoints_reliable) = (&self.models, self.viewpoints_reliable);
+        let verifier = Verifier { models, settings, radius_m: f64::from(self.radius_m), viewpoints_reliable };
+        let motions: Vec<RigidMotion> = candidate.hypotheses.iter().map(|h| h.target_from_source).collect();
+        let matches = Correspondences::new(&candidate.matches.source, &candidate.matches.target);
+        verifier.score(&self.placed_surfaces(), &[self.alone(scan)], &motions, &matches).into_iter().next()
+    }
+
+    /// The hypothesis with most inliers (IC), and where the order needs it the overlap.
+    fn count_inliers(&self, scan: ScanId, candidate: &Candidate) -> Option<ScoredHypothesis> {
+        let best = candidate.hypotheses.first()?;
+        let a_from_b = best.target_from_source;
+        let overlap = if self.settings.ordering == Ordering::Overlap {
+            surface_fit(&self.placed_surfaces(), &[self.alone(scan)], &a_from_b, 1).overlap
+        } else {
+            0.0
+        };
+        let evidence = Evidence {
+            matches: candidate.matches.len(),
+            inliers: best.inliers,
+            second_best_inliers: candidate.hypotheses.iter().skip(1).map(|h| h.inliers).max().unwrap_or(0),
+            overlap,
+            ..Evidence::default()
+        };
+        Some(ScoredHypothesis { a_from_b, evidence })
+    }
+
+    fn alone(&self, scan: ScanId) -> Posed<'_> {
+        Posed { model: &self.models[scan.0], group_from_scan: RigidMotion::identity() }
     }
 
     fn attempt(
         &self,
         scan: ScanId,
         world_from_scan: RigidMotion,
-        support: Support,
+        evidence: Evidence,
         residual_m: f64,
         parent: Option<ScanId>,
     ) -> Attempt {
         // Fewer inliers than a motion has are no registration under any settings.
-        let refusal = if support.inliers < MIN_KEYPOINTS {
+        let refusal = if evidence.inliers < MIN_KEYPOINTS {
             Some(DeclineReason::TooFewInliers {
-                inliers: support.inliers,
-                needed: self.config.evidence.min_inliers.max(MIN_KEYPOINTS),
-                matches: support.matches,
+                inliers: evidence.inliers,
+                needed: self.config.verification.min_inliers().max(MIN_KEYPOINTS),
+                matches: evidence.matches,
             })
         } else {
-            decline::refusal(&support, &self.config.evidence)
+            decline::refusal(&evidence, &self.config.verification)
         };
-        Attempt { scan, world_from_scan, support, residual_m, parent, refusal }
+        Attempt { scan, world_from_scan, evidence, residual_m, parent, refusal }
     }
 
-    /// Surfaces of the members; none where surfaces are not checked.
+    /// Surfaces of the members.
     fn placed_surfaces(&self) -> Vec<Posed<'_>> {
-        let members = self.members.iter().filter(|m| m.scan.0 < self.models.len());
-        members.map(|m| Posed { model: &self.models[m.scan.0], group_from_scan: m.world_from_scan }).collect()
-    }
-
-    /// Support of hypothesis `h` of a candidate.
-    fn assess(&self, scan: ScanId, candidate: &Candidate, h: usize, placed: &[Posed<'_>]) -> Support {
-        let hypothesis = &candidate.hypotheses[h];
-        let others = candidate.hypotheses.iter().enumerate().filter(|o| o.0 != h);
-        let mut support = Support {
-            matches: candidate.matches.len(),
-            inliers: hypothesis.inliers,
-            runner_up: others.map(|o| o.1.inliers).max().unwrap_or(0),
-            ..Support::default()
-        };
-        if placed.is_empty() {
-            return support;
-        }
-        let pose = &hypothesis.target_from_source;
-        let matches = Correspondences::new(&candidate.matches.source, &candidate.matches.target);
-        support.chance = matches.count_by_chance(pose, self.radius_m.into());
-        let alone = Posed { model: &self.models[scan.0], group_from_scan: RigidMotion::identity() };
-        let fit = surface_fit(placed, &[alone], pose, 1);
-        support.overlap = fit.overlap;
-        support.normal_agreement = fit.normal_agreement;
-        support.plane_residual = fit.plane_residual;
-        support.violation = fit.violation;
-        support.stiffness = fit.stiffness;
-        if self.config.evidence.surfaces {
-            support.probability = Some(probability::probability(&support, &self.config.evidence.weights, false));
-        }
-        support
+        self.members
+            .iter()
+            .map(|m| Posed { model: &self.models[m.scan.0], group_from_scan: m.world_from_scan })
+            .collect()
     }
 
     /// RMS distance of the inlier matches, and the member that most of them come from.
@@ -271,7 +300,7 @@ impl<'a> Growth<'a> {
 
     /// The selected scan's pose averaged over what its registered neighbours say.
     pub fn average_transformation(&self, chosen: &Attempt) -> RigidMotion {
-        if !self.config.averaging.enabled {
+        if !self.settings.averaging.enabled {
             return chosen.world_from_scan;
         }
         let registered: Vec<Registered<'_>> = self
@@ -280,17 +309,17 @@ impl<'a> Growth<'a> {
             .map(|m| Registered { keypoints: &self.grids[m.scan.0], world_from_scan: m.world_from_scan })
             .collect();
         let keypoints = &self.grids[chosen.scan.0];
-        average_observations(keypoints, &chosen.world_from_scan, &registered, &self.config.averaging)
+        average_observations(keypoints, &chosen.world_from_scan, &registered, &self.settings.averaging)
     }
 
     /// Adds the scan to the meta-shape and updates the meta-shape's row of S.
     pub fn merge(&mut self, chosen: &Attempt, world_from_scan: RigidMotion) {
         let Some(meta) = &mut self.meta else { return };
         let scan = chosen.scan;
-        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
-        rng.set_stream(scan.0 as u64);
+        let content = u128::from_le_bytes(self.digests[scan.0].0);
+        let mut rng = generator(self.seed, "reservoir", content as u64);
         let features = self.scans[scan.0].features;
-        meta.merge(scan, features, &world_from_scan, self.config.merge, self.radius_m, &mut rng);
+        meta.merge(scan, features, &world_from_scan, self.settings.merge, self.radius_m, &mut rng);
         for (best, &new) in self.meta_similarity.iter_mut().zip(self.similarity.row(scan.0)) {
             *best = best.max(new);
         }
@@ -298,9 +327,14 @@ impl<'a> Growth<'a> {
         self.candidates.remove(&scan);
         let parent = self.members.iter().find(|m| Some(m.scan) == chosen.parent);
         let mut attempt = chosen.clone();
-        attempt.support.parent_from_scan = parent.map(|p| p.world_from_scan.inverse() * world_from_scan);
+        attempt.evidence.parent_from_scan = parent.map(|p| p.world_from_scan.inverse() * world_from_scan);
         self.members.push(Member { scan, world_from_scan, attempt: Some(attempt) });
         self.joined_since_refinement += 1;
+        if let Some(settings) = self.config.verification.surfaces() {
+            let joined = self.components.iter().flatten().chain(&self.members);
+            let joined = joined.filter_map(|m| Some(&m.attempt.as_ref()?.evidence));
+            self.viewpoints_reliable = probability::viewpoints_are_reliable(joined, settings);
+        }
     }
 
     /// Refines all poses of the component together when enough scans have joined.
@@ -308,20 +342,20 @@ impl<'a> Growth<'a> {
     /// # Errors
     /// Only when the monitor is cancelled.
     pub fn refine_if_due(&mut self, monitor: &dyn Monitor) -> Result<()> {
-        let every = self.config.joint.every;
-        if self.config.joint.enabled && every > 0 && self.joined_since_refinement >= every {
+        let every = self.settings.refine_every;
+        if self.config.multiview_icp.enabled && every > 0 && self.joined_since_refinement >= every {
             self.refine_members(monitor)?;
         }
         Ok(())
     }
 
     fn refine_members(&mut self, monitor: &dyn Monitor) -> Result<()> {
-        let scans: Vec<JointScan<'_>> = self
+        let scans: Vec<PosedScan<'_>> = self
             .members
             .iter()
-            .map(|m| JointScan { model: &self.models[m.scan.0], world_from_scan: m.world_from_scan })
+            .map(|m| PosedScan { model: &self.models[m.scan.0], world_from_scan: m.world_from_scan })
             .collect();
-        let refined = refine_jointly(&scans, &self.config.joint, f64::from(self.radius_m), monitor)?;
+        let refined = refine_poses(&scans, &self.config.multiview_icp, f64::from(self.radius_m), monitor)?;
         let mut new_from_old: BTreeMap<ScanId, RigidMotion> = BTreeMap::new();
         for (member, pose) in self.members.iter_mut().zip(refined) {
             new_from_old.insert(member.scan, pose * member.world_from_scan.inverse());
@@ -334,20 +368,20 @@ impl<'a> Growth<'a> {
         Ok(())
     }
 
-    /// Ends the component: a last joint refinement, or a refusal where the pivot stayed alone.
+    /// Ends the component: a last multiview ICP, or a refusal where the pivot stayed alone.
     ///
     /// # Errors
     /// Only when the monitor is cancelled.
     pub fn close_component(&mut self, monitor: &dyn Monitor) -> Result<()> {
         if let [alone] = self.members.as_slice() {
             let scan = alone.scan;
-            let needed = self.config.evidence.min_inliers.max(MIN_KEYPOINTS);
+            let needed = self.config.verification.min_inliers().max(MIN_KEYPOINTS);
             let nothing = DeclineReason::TooFewInliers { inliers: 0, needed, matches: 0 };
             self.refusals[scan.0].get_or_insert(nothing);
             self.members.clear();
             return Ok(());
         }
-        if self.config.joint.enabled {
+        if self.config.multiview_icp.enabled {
             self.refine_members(monitor)?;
         }
         self.components.push(std::mem::take(&mut self.members));

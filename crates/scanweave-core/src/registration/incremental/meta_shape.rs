@@ -1,9 +1,10 @@
-//! The growing union of registered scans' features (SPEC: merge).
+//! The growing union of registered scans' features.
 
-use crate::registration::config::MergeRule;
 use crate::geometry::neighbours::RadiusGrid;
 use crate::geometry::rigid::PointMover;
 use crate::geometry::{Point, RigidMotion};
+use crate::registration::config::MergeRule;
+use crate::registration::pairwise::matching::MatchTarget;
 use crate::scan::{Features, ScanId};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -114,39 +115,19 @@ impl MetaShape {
         }
     }
 
-    /// Number of rows.
-    pub fn len(&self) -> usize {
-        self.points.len()
-    }
-
-    /// True when there is no row.
-    pub fn is_empty(&self) -> bool {
-        self.points.is_empty()
-    }
-
-    /// Keypoints `[len,3]`, metres, in the frame of the pivot.
-    pub fn points(&self) -> &[Point] {
-        &self.points
-    }
-
-    /// Descriptors, row-major `[len·D]`.
-    pub fn descriptors(&self) -> &[f32] {
-        &self.descriptors
+    /// What candidates are matched with.
+    pub fn as_target(&self) -> MatchTarget<'_> {
+        MatchTarget {
+            points: &self.points,
+            descriptors: &self.descriptors,
+            version: self.version,
+            changed: Some(&self.changed),
+        }
     }
 
     /// The scan and keypoint that a row holds at present.
     pub fn origin(&self, row: usize) -> (ScanId, u32) {
         self.origins[row]
-    }
-
-    /// The present version; it rises by one with every merge.
-    pub fn version(&self) -> u32 {
-        self.version
-    }
-
-    /// The version at which the descriptor of a row last changed.
-    pub fn changed_at(&self, row: usize) -> u32 {
-        self.changed[row]
     }
 }
 
@@ -170,6 +151,20 @@ pub(crate) mod tests {
     use crate::scan::Descriptors;
     use proptest::prelude::*;
     use rand::SeedableRng;
+
+    impl MetaShape {
+        fn len(&self) -> usize {
+            self.points.len()
+        }
+
+        fn points(&self) -> &[Point] {
+            &self.points
+        }
+
+        fn descriptors(&self) -> &[f32] {
+            &self.descriptors
+        }
+    }
 
     pub(crate) fn features(points: Vec<Point>, dim: usize, values: Vec<f32>) -> Features {
         Features::new(points, None, Descriptors::new(dim, values).unwrap().normalized()).unwrap()
@@ -247,18 +242,18 @@ pub(crate) mod tests {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             let mut meta = MetaShape::new(ScanId(0), &scans[0]);
             let mut cache = NearestCache::new(Columns::new(&candidate.descriptors));
-            cache.update(&meta);
+            cache.update(&meta.as_target());
             for (s, merged) in scans.iter().enumerate().skip(1) {
                 meta.merge(ScanId(s), merged, &RigidMotion::identity(), rule, 0.5, &mut rng);
                 if s == skip {
                     continue; // a candidate may sit out a few steps
                 }
-                cache.update(&meta);
+                cache.update(&meta.as_target());
                 let mut fresh = NearestCache::new(Columns::new(&candidate.descriptors));
-                fresh.update(&meta);
+                fresh.update(&meta.as_target());
                 prop_assert_eq!(
-                    cache.mutual(&candidate.keypoints, &meta),
-                    fresh.mutual(&candidate.keypoints, &meta)
+                    cache.mutual(&candidate.keypoints, &meta.as_target()),
+                    fresh.mutual(&candidate.keypoints, &meta.as_target())
                 );
             }
         }

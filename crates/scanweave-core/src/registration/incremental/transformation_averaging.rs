@@ -1,12 +1,12 @@
-//! Transformation averaging of a newly selected scan (SPEC: transformation refinement).
+//! Transformation averaging of a newly selected scan (Li et al. 2025, algorithm 1).
 
-use crate::registration::config::AveragingConfig;
 use crate::geometry::RigidMotion;
 use crate::geometry::averaging::average_motion;
 use crate::geometry::fit::fit_rigid;
 use crate::geometry::neighbours::RadiusGrid;
 use crate::geometry::overlap::two_way_overlap;
 use crate::geometry::rigid::PointMover;
+use crate::registration::config::AveragingConfig;
 use rayon::prelude::*;
 
 /// A registered scan: its keypoints, indexed in its own frame with radius τ, and its pose.

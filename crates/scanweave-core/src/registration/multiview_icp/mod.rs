@@ -1,10 +1,11 @@
-//! Joint point-to-plane refinement of all poses of a component.
+//! Multiview point-to-plane ICP of all poses of a component.
 //!
 //! Minimises Σ ρ(n·(Tᵢp − Tⱼq)) over all pairs of overlapping scans at once
 //! (multi-view point-to-plane ICP; Chen & Medioni 1991 for the metric), by Gauss–Newton
 //! with new correspondences each round and radii from coarse to fine. Growth joins scans
 //! one after another, so small errors add up along the way; this step spreads them.
 
+pub(super) mod config;
 mod intensity;
 mod loop_closure;
 mod system;
@@ -14,7 +15,7 @@ mod uncertainty;
 pub use loop_closure::{MatchedPair, close_loops};
 pub use uncertainty::pose_covariances;
 
-use super::config::JointConfig;
+use super::config::MultiviewIcpConfig;
 use super::scan_model::ScanModel;
 use crate::error::Result;
 use crate::geometry::RigidMotion;
@@ -28,7 +29,7 @@ const SETTLED: f64 = 2e-3;
 
 /// One scan of the component.
 #[derive(Clone, Copy)]
-pub struct JointScan<'a> {
+pub struct PosedScan<'a> {
     /// Its thinned surface with normals.
     pub model: &'a ScanModel<'a>,
     /// Its pose.
@@ -42,9 +43,9 @@ pub struct JointScan<'a> {
 ///
 /// # Errors
 /// Only when the monitor is cancelled.
-pub fn refine_jointly(
-    scans: &[JointScan<'_>],
-    config: &JointConfig,
+pub fn refine_poses(
+    scans: &[PosedScan<'_>],
+    config: &MultiviewIcpConfig,
     radius_m: f64,
     monitor: &dyn Monitor,
 ) -> Result<Vec<RigidMotion>> {
@@ -60,7 +61,7 @@ pub fn refine_jointly(
         let pairs = overlapping_pairs(&samples, scans, &poses, config.min_overlap, radius_m as f32);
         let strides = strides(&pairs, scans.len());
         for _ in 0..config.rounds {
-            monitor.check("joint refinement")?;
+            monitor.check("multiview_icp refinement")?;
             let terms: Vec<PairTerm> = pairs
                 .par_iter()
                 .map(|&(i, j)| term_of((i, j), &samples, scans, &poses, &strides, radius, colour_m))

@@ -1,9 +1,9 @@
 //! What pairs of overlapping scans say of their relative poses: normal equations of point-to-plane
 //! distances and, where both scans have colour, of intensities.
 
-use super::JointScan;
+use super::PosedScan;
 use super::intensity::{self, Touch};
-use crate::geometry::nearest_map::NOBODY;
+use crate::geometry::nearest_map::NO_POINT;
 use crate::geometry::rigid::PointMover;
 use crate::geometry::{Direction, MIN_NORMAL_COSINE, Point, RigidMotion};
 use crate::scan::Surface;
@@ -15,7 +15,7 @@ pub(super) struct Sample {
     pub(super) points: Vec<Point>,
     pub(super) normals: Vec<Direction>,
     /// Empty where the scan has no colour.
-    pub(super) shades: Vec<f32>,
+    pub(super) intensities: Vec<f32>,
 }
 
 impl Sample {
@@ -25,8 +25,8 @@ impl Sample {
         let count = with_normal.len().min(at_most);
         let chosen: Vec<usize> = (0..count).map(|k| with_normal[k * with_normal.len() / count]).collect();
         let (points, normals) = chosen.iter().map(|&i| (surface.points[i], surface.normals[i])).unzip();
-        let shades = chosen.iter().filter_map(|&i| surface.shades.get(i).copied()).collect();
-        Self { points, normals, shades }
+        let intensities = chosen.iter().filter_map(|&i| surface.intensities.get(i).copied()).collect();
+        Self { points, normals, intensities }
     }
 }
 
@@ -34,7 +34,7 @@ impl Sample {
 /// `radius_m` of the other's surface.
 pub(super) fn overlapping_pairs(
     samples: &[Sample],
-    scans: &[JointScan<'_>],
+    scans: &[PosedScan<'_>],
     poses: &[RigidMotion],
     min_overlap: f64,
     radius_m: f32,
@@ -49,7 +49,7 @@ pub(super) fn overlapping_pairs(
         let count = probes.len();
         let moved: Vec<Point> = probes.map(|p| mover.point(p)).collect();
         let near = scans[to].model.near_each(&moved, radius_m);
-        (near.iter().filter(|&&k| k != NOBODY).count(), count)
+        (near.iter().filter(|&&k| k != NO_POINT).count(), count)
     };
     (0..scans.len())
         .into_par_iter()
@@ -99,16 +99,16 @@ pub(super) fn strides(pairs: &[(usize, usize)], scans: usize) -> Vec<usize> {
 pub(super) fn term_of(
     (i, j): (usize, usize),
     samples: &[Sample],
-    scans: &[JointScan<'_>],
+    scans: &[PosedScan<'_>],
     poses: &[RigidMotion],
     strides: &[usize],
     radius_m: f64,
     colour_m: f64,
 ) -> PairTerm {
     let mut term = pair_term((i, j), samples, scans, poses, strides, radius_m);
-    let coloured = [i, j].iter().all(|&s| !scans[s].model.surface.shades.is_empty());
+    let coloured = [i, j].iter().all(|&s| !scans[s].model.surface.intensities.is_empty());
     if colour_m > 0.0 && coloured {
-        add_shades(&mut term, (i, j), samples, scans, poses, radius_m, colour_m);
+        add_intensities(&mut term, (i, j), samples, scans, poses, radius_m, colour_m);
     }
     term
 }
@@ -117,7 +117,7 @@ pub(super) fn term_of(
 pub(super) fn pair_term(
     (i, j): (usize, usize),
     samples: &[Sample],
-    scans: &[JointScan<'_>],
+    scans: &[PosedScan<'_>],
     poses: &[RigidMotion],
     strides: &[usize],
     radius_m: f64,
@@ -134,7 +134,7 @@ pub(super) fn pair_term(
         let sampled = sampled.skip(to % stride).step_by(stride);
         let moved: Vec<Point> = sampled.clone().map(|(p, _)| mover.point(p)).collect();
         let near = model.near_each(&moved, radius_m as f32);
-        let touching = sampled.zip(&moved).zip(&near).filter(|found| *found.1 != NOBODY);
+        let touching = sampled.zip(&moved).zip(&near).filter(|found| *found.1 != NO_POINT);
         for (((_, normal), moved), &k) in touching {
             let k = k as usize;
             let n = model.surface.normals[k];
@@ -157,13 +157,13 @@ pub(super) fn pair_term(
     term
 }
 
-/// What colours say of a pair, added to its normal equations: each residual r of shades counts as a
+/// What colours say of a pair, added to its normal equations: each residual r of intensities counts as a
 /// distance of `colour_m`·r, whose derivative is that of a distance along the slope.
-pub(super) fn add_shades(
+pub(super) fn add_intensities(
     term: &mut PairTerm,
     (i, j): (usize, usize),
     samples: &[Sample],
-    scans: &[JointScan<'_>],
+    scans: &[PosedScan<'_>],
     poses: &[RigidMotion],
     radius_m: f64,
     colour_m: f64,
@@ -173,16 +173,16 @@ pub(super) fn add_shades(
         let (model, sample) = (scans[to].model, &samples[from]);
         let places = mover.points(&sample.points);
         let near = model.near_each(&places, radius_m as f32);
-        let touch = |(((&place, &nearest), normal), &shade): (((&Point, &u32), &Direction), &f32)| {
-            let nearest = Some(nearest).filter(|&k| k != NOBODY)? as usize;
+        let touch = |(((&place, &nearest), normal), &intensity): (((&Point, &u32), &Direction), &f32)| {
+            let nearest = Some(nearest).filter(|&k| k != NO_POINT)? as usize;
             let facing = mover.direction(normal).dot(&model.surface.normals[nearest]);
-            (facing >= MIN_NORMAL_COSINE).then_some(Touch { place, shade, nearest })
+            (facing >= MIN_NORMAL_COSINE).then_some(Touch { place, intensity, nearest })
         };
-        let points = places.iter().zip(&near).zip(&sample.normals).zip(&sample.shades);
+        let points = places.iter().zip(&near).zip(&sample.normals).zip(&sample.intensities);
         let touches: Vec<Touch> = points.filter_map(touch).collect();
         for (place, found) in intensity::residuals(&touches, model) {
             let x = poses[to] * place.cast::<f64>();
-            let g = poses[to].rotation * found.slope.cast::<f64>() * colour_m;
+            let g = poses[to].rotation * found.gradient.cast::<f64>() * colour_m;
             let m = x.coords.cross(&g);
             let h = Vector6::new(m.x, m.y, m.z, g.x, g.y, g.z) * sign;
             let (r, w) = (f64::from(found.residual) * colour_m, f64::from(found.weight));

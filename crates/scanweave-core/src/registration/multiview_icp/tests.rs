@@ -1,13 +1,13 @@
 use super::terms::pair_term;
 use super::*;
 use crate::geometry::rigid::PointMover;
-use crate::geometry::{Direction, Point};
-use crate::scan::Surface;
-use nalgebra::{Matrix6, Vector3, Vector6};
 use crate::geometry::rigid::{rotation_error_rad, translation_error_m};
+use crate::geometry::{Direction, Point};
 use crate::monitor::Silent;
 use crate::registration::config::RegistrationConfig;
+use crate::scan::Surface;
 use nalgebra::Point3;
+use nalgebra::{Matrix6, Vector3, Vector6};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -48,7 +48,7 @@ fn scans_with_many_partners_are_compared_by_a_share_of_their_points_that_stands_
     let surfaces = [corner(&RigidMotion::identity()), corner(&RigidMotion::identity())];
     let models = surfaces.each_ref().map(model);
     let poses = [RigidMotion::identity(), moved];
-    let scans = [0, 1].map(|k| JointScan { model: &models[k], world_from_scan: poses[k] });
+    let scans = [0, 1].map(|k| PosedScan { model: &models[k], world_from_scan: poses[k] });
     let samples: Vec<Sample> = scans.iter().map(|s| Sample::new(s.model.surface, 1200)).collect();
     let of = |strides: [usize; 2]| pair_term((0, 1), &samples, &scans, &poses, &strides, 0.07);
     let (all, some) = (of([1, 1]), of([2, 5]));
@@ -79,12 +79,12 @@ fn disturbed_poses_return_to_the_exact_ones() {
         RigidMotion::new(Vector3::new(0.03, -0.02, 0.025) * s, Vector3::new(0.01, -0.015, 0.01) * s)
     };
     let models: Vec<ScanModel<'_>> = surfaces.iter().map(model).collect();
-    let scans: Vec<JointScan<'_>> = models
+    let scans: Vec<PosedScan<'_>> = models
         .iter()
         .enumerate()
-        .map(|(k, model)| JointScan { model, world_from_scan: nudge(k) * truth[k] })
+        .map(|(k, model)| PosedScan { model, world_from_scan: nudge(k) * truth[k] })
         .collect();
-    let refined = refine_jointly(&scans, &JointConfig::default(), 0.07, &Silent).unwrap();
+    let refined = refine_poses(&scans, &MultiviewIcpConfig::default(), 0.07, &Silent).unwrap();
     assert_eq!(refined[0], truth[0]);
     for (pose, truth) in refined.iter().zip(&truth) {
         assert!(translation_error_m(pose, truth) < 2e-4, "{}", translation_error_m(pose, truth));
@@ -99,10 +99,7 @@ fn a_loop_that_drifted_closes_and_a_false_pair_is_outvoted() {
     let truth: Vec<RigidMotion> = (0..12)
         .map(|k| {
             let a = f64::from(k) * std::f64::consts::TAU / 12.0;
-            RigidMotion::new(
-                Vector3::new(3.0 * a.cos(), 3.0 * a.sin(), 0.1 * a),
-                Vector3::new(0.0, 0.1, a),
-            )
+            RigidMotion::new(Vector3::new(3.0 * a.cos(), 3.0 * a.sin(), 0.1 * a), Vector3::new(0.0, 0.1, a))
         })
         .collect();
     let seen = |k: usize, shift: f64| -> Vec<Point> {
@@ -143,7 +140,7 @@ fn covariances_are_the_spread_of_poses_over_many_draws_of_the_noise() {
             RigidMotion::new(Vector3::new(0.5 * k, -0.3 * k, 0.1), Vector3::new(0.1 * k, 0.2, -0.3 * k))
         })
         .collect();
-    let config = JointConfig { radii: vec![1.0], ..JointConfig::default() };
+    let config = MultiviewIcpConfig { radii: vec![1.0], ..MultiviewIcpConfig::default() };
     let draws = 60;
     let (mut seen, mut stated) = (Matrix6::<f64>::zeros(), Matrix6::<f64>::zeros());
     let mut rng = ChaCha8Rng::seed_from_u64(5);
@@ -156,11 +153,11 @@ fn covariances_are_the_spread_of_poses_over_many_draws_of_the_noise() {
             }
         }
         let models: Vec<ScanModel<'_>> = surfaces.iter().map(model).collect();
-        let posed = |poses: &[RigidMotion]| -> Vec<JointScan<'_>> {
+        let posed = |poses: &[RigidMotion]| -> Vec<PosedScan<'_>> {
             let scans = models.iter().zip(poses);
-            scans.map(|(model, &world_from_scan)| JointScan { model, world_from_scan }).collect()
+            scans.map(|(model, &world_from_scan)| PosedScan { model, world_from_scan }).collect()
         };
-        let refined = refine_jointly(&posed(&truth), &config, 0.07, &Silent).unwrap();
+        let refined = refine_poses(&posed(&truth), &config, 0.07, &Silent).unwrap();
         let covariances = pose_covariances(&posed(&refined), &config, 0.07);
         assert_eq!(covariances[0], Some(Matrix6::zeros()));
         stated += covariances[2].unwrap() / f64::from(draws);
@@ -185,19 +182,19 @@ fn paint_holds_what_a_flat_wall_does_not() {
         let points: Vec<Point> = (0..6400)
             .map(|i| Point::new((i % 80) as f32 * 0.025 + shift, (i / 80) as f32 * 0.025 + shift, 0.0))
             .collect();
-        let shades = points.iter().map(|p| paint(p.x, p.y) + brighter).collect();
-        Surface { normals: vec![Direction::z(); 6400], points, shades, ..Surface::default() }
+        let intensities = points.iter().map(|p| paint(p.x, p.y) + brighter).collect();
+        Surface { normals: vec![Direction::z(); 6400], points, intensities, ..Surface::default() }
     };
     let (first, second) = (wall(0.0, 0.0), wall(0.011, 0.08));
     let (first, second) = (model(&first), model(&second));
     let off = RigidMotion::new(Vector3::new(0.02, -0.015, 0.01), Vector3::new(0.0, 0.0, 0.009));
     let scans = [
-        JointScan { model: &first, world_from_scan: RigidMotion::identity() },
-        JointScan { model: &second, world_from_scan: off },
+        PosedScan { model: &first, world_from_scan: RigidMotion::identity() },
+        PosedScan { model: &second, world_from_scan: off },
     ];
     let error = |colour: f64| {
-        let config = JointConfig { colour, rounds: 8, ..JointConfig::default() };
-        let refined = refine_jointly(&scans, &config, 0.07, &Silent).unwrap()[1];
+        let config = MultiviewIcpConfig { colour, rounds: 8, ..MultiviewIcpConfig::default() };
+        let refined = refine_poses(&scans, &config, 0.07, &Silent).unwrap()[1];
         let corner = Point3::new(0.0, 0.0, 0.0);
         (refined * corner - corner).norm()
     };
@@ -218,10 +215,10 @@ fn what_nothing_holds_stays_where_it_was() {
     let flat = model(&flat);
     let start = RigidMotion::translation(0.1, 0.0, 0.03);
     let scans = [
-        JointScan { model: &flat, world_from_scan: RigidMotion::identity() },
-        JointScan { model: &flat, world_from_scan: start },
+        PosedScan { model: &flat, world_from_scan: RigidMotion::identity() },
+        PosedScan { model: &flat, world_from_scan: start },
     ];
-    let refined = refine_jointly(&scans, &JointConfig::default(), 0.07, &Silent).unwrap();
+    let refined = refine_poses(&scans, &MultiviewIcpConfig::default(), 0.07, &Silent).unwrap();
     assert!(refined[1].translation.vector.z.abs() < 1e-4);
     assert!((refined[1].translation.vector.x - 0.1).abs() < 1e-3);
 }

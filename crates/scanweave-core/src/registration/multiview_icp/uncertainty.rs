@@ -1,10 +1,10 @@
 //! How certain refined poses are.
 
-use super::JointScan;
+use super::PosedScan;
 use super::system::normal_equations;
 use super::terms::{PairTerm, Sample, overlapping_pairs, pair_term};
 use crate::geometry::RigidMotion;
-use crate::registration::config::JointConfig;
+use crate::registration::config::MultiviewIcpConfig;
 use nalgebra::Matrix6;
 use rayon::prelude::*;
 
@@ -16,8 +16,8 @@ use rayon::prelude::*;
 /// looked at from both sides. Residuals are taken for independent, which those of points closer
 /// than τ are not: scans denser than that, and sensors whose errors are systematic, are less certain.
 pub fn pose_covariances(
-    scans: &[JointScan<'_>],
-    config: &JointConfig,
+    scans: &[PosedScan<'_>],
+    config: &MultiviewIcpConfig,
     radius_m: f64,
 ) -> Vec<Option<Matrix6<f64>>> {
     let poses: Vec<RigidMotion> = scans.iter().map(|s| s.world_from_scan).collect();

@@ -1,60 +1,49 @@
 //! Registration of two scans with each other: the edges of pose graphs.
 
-use crate::registration::config::RegistrationConfig;
-use crate::registration::pairwise::estimate::{Hypothesis, estimate};
-use crate::registration::verification::decline;
-use crate::registration::input::{Lengths, ScanInput};
-use crate::registration::pairwise::matching::{Matches, NearestCache};
-use crate::registration::incremental::meta_shape::MetaShape;
-use crate::registration::pairwise::nearest::Columns;
 use crate::geometry::neighbours::RadiusGrid;
 use crate::geometry::overlap::two_way_overlap;
 use crate::geometry::rigid::PointMover;
 use crate::geometry::{Point, PointIndex, RigidMotion};
-use crate::scan::{DeclineReason, NeighbourEvidence, PairKey, PairRegistration, ScanId};
+use crate::registration::config::EstimatorConfig;
+use crate::registration::input::{ContentDigest, Lengths, MIN_KEYPOINTS, ScanInput};
+use crate::registration::pairwise::estimate::Hypothesis;
+use crate::registration::pairwise::matching::{MatchTarget, Matches};
+use crate::registration::pairwise::registrar::{PairHypotheses, PairRegistrar};
+use crate::registration::usability;
+use crate::scan::{DeclineReason, PairKey, PairRegistration, ScanId};
 use rayon::prelude::*;
 
-/// Keypoints, and inliers, below which nothing is registered.
-pub const MIN_INLIERS: usize = 3;
 /// Points of either scan whose distance to the other is measured.
 const MEASURED_POINTS: usize = 1000;
 /// Points farther from the other scan than this, in units of τ, are outside the overlap (0.2 m
 /// at the 0.07 m of the published graphs).
 const OVERLAP_REACH: f64 = 3.0;
 
-/// Scans made ready to be registered with each other.
-pub struct Pairwise<'a> {
+/// Scans made ready to be registered with each other as edges of a pose graph.
+pub struct EdgeRegistrar<'a> {
     scans: &'a [ScanInput<'a>],
-    config: &'a RegistrationConfig,
-    radius_m: f32,
-    seed: u64,
-    columns: Vec<Columns>,
+    registrar: PairRegistrar<'a>,
     /// Keypoints of every scan, indexed with radius τ in its own frame.
     grids: Vec<RadiusGrid<'a>>,
     surfaces: Vec<PointIndex>,
-    digests: Vec<[u8; 16]>,
+    digests: Vec<ContentDigest>,
     unusable: Vec<Option<DeclineReason>>,
 }
 
-impl<'a> Pairwise<'a> {
+impl<'a> EdgeRegistrar<'a> {
     /// Indexes and packs what pairs have in common.
-    pub fn new(
-        scans: &'a [ScanInput<'a>],
-        config: &'a RegistrationConfig,
-        lengths: Lengths,
-        seed: u64,
-    ) -> Self {
+    pub fn new(scans: &'a [ScanInput<'a>], config: &'a EstimatorConfig, lengths: Lengths, seed: u64) -> Self {
         let radius_m = lengths.inlier_radius_m as f32;
         Self {
             scans,
-            config,
-            radius_m,
-            seed,
-            columns: scans.par_iter().map(|s| Columns::new(&s.features.descriptors)).collect(),
+            registrar: PairRegistrar { config, radius_m: lengths.inlier_radius_m, seed },
             grids: scans.par_iter().map(|s| RadiusGrid::new(&s.features.keypoints, radius_m)).collect(),
             surfaces: scans.par_iter().map(|s| PointIndex::new(body(s))).collect(),
-            digests: scans.par_iter().map(digest).collect(),
-            unusable: scans.par_iter().map(|s| decline::unusable(s, MIN_INLIERS, lengths.voxel_m)).collect(),
+            digests: scans.par_iter().map(ContentDigest::of).collect(),
+            unusable: scans
+                .par_iter()
+                .map(|s| usability::unusable(s, MIN_KEYPOINTS, lengths.voxel_m))
+                .collect(),
         }
     }
 
@@ -65,7 +54,7 @@ impl<'a> Pairwise<'a> {
         // Two scans of one content keep the order of their names.
         let forward = a < b || (a == b && i <= j);
         let (target, source) = if forward { (a, b) } else { (b, a) };
-        (PairKey { target, source }, forward)
+        (PairKey { target: target.0, source: source.0 }, forward)
     }
 
     /// Why a scan cannot be registered with any other, or `None` when it can.
@@ -85,16 +74,17 @@ impl<'a> Pairwise<'a> {
 
     fn register_ordered(&self, target: ScanId, source: ScanId) -> PairRegistration {
         let [target_scan, source_scan] = [target, source].map(|s| self.scans[s.0]);
-        let meta = MetaShape::new(target, target_scan.features);
-        let mut nearest = NearestCache::new(self.columns[source.0].clone());
-        nearest.update(&meta);
-        let matches = nearest.mutual(&source_scan.features.keypoints, &meta);
-        let seed = self.seed ^ self.stream(target, source);
-        let radius_m = f64::from(self.radius_m);
-        let hypotheses = estimate(&matches, &self.config.estimator, radius_m, seed);
+        let contents = [self.digests[target.0], self.digests[source.0]];
+        let found = self.registrar.register(
+            &MatchTarget::of_scan(target_scan.features),
+            source_scan.features,
+            &contents,
+        );
+        let PairHypotheses { matches, hypotheses } = found;
         let Some(Hypothesis { target_from_source, inliers }) = hypotheses.into_iter().next() else {
             return PairRegistration { matches: matches.len(), ..PairRegistration::default() };
         };
+        let radius_m = self.registrar.radius_m;
         let overlap = two_way_overlap(&self.grids[target.0], &self.grids[source.0], &target_from_source);
         PairRegistration {
             target_from_source,
@@ -106,18 +96,9 @@ impl<'a> Pairwise<'a> {
         }
     }
 
-    /// A stream of random numbers of its own for every pair of contents.
-    fn stream(&self, target: ScanId, source: ScanId) -> u64 {
-        let mut hasher = blake3::Hasher::new();
-        hasher.update(&self.digests[target.0]).update(&self.digests[source.0]);
-        let mut first = [0; 8];
-        first.copy_from_slice(&hasher.finalize().as_bytes()[..8]);
-        u64::from_le_bytes(first)
-    }
-
     /// Median distance of points of either scan to the other, of those within reach.
     fn median_distance_m(&self, target: ScanId, source: ScanId, target_from_source: &RigidMotion) -> f64 {
-        let reach = (OVERLAP_REACH * f64::from(self.radius_m)) as f32;
+        let reach = (OVERLAP_REACH * self.registrar.radius_m) as f32;
         let mut distances = Vec::new();
         for (from, to, motion) in
             [(source, target, *target_from_source), (target, source, target_from_source.inverse())]
@@ -136,28 +117,6 @@ impl<'a> Pairwise<'a> {
         let middle = distances.len() / 2;
         *distances.select_nth_unstable_by(middle, f64::total_cmp).1
     }
-
-    /// Agreement of scan `of` of a component with all its other scans, by scan: those that
-    /// share at least a hundredth of their keypoints.
-    pub fn neighbours(&self, component: &[(ScanId, RigidMotion)], of: usize) -> Vec<NeighbourEvidence> {
-        const LEAST: f64 = 0.01;
-        let (here, world_from_here) = component[of];
-        let mut found: Vec<NeighbourEvidence> = component
-            .iter()
-            .filter(|(there, _)| *there != here)
-            .filter_map(|(there, world_from_there)| {
-                let here_from_there = world_from_here.inverse() * world_from_there;
-                let o = two_way_overlap(&self.grids[here.0], &self.grids[there.0], &here_from_there);
-                (o.ratio >= LEAST).then_some(NeighbourEvidence {
-                    scan: *there,
-                    overlap: o.ratio,
-                    residual_m: o.residual_m,
-                })
-            })
-            .collect();
-        found.sort_by_key(|n| n.scan);
-        found
-    }
 }
 
 /// The points a scan is made of: its surface, or its keypoints where there is none.
@@ -174,18 +133,4 @@ fn inlier_residual_m(matches: &Matches, target_from_source: &RigidMotion, radius
         .filter(|d| *d <= radius_m * radius_m)
         .fold((0usize, 0.0), |(count, sum), d| (count + 1, sum + d));
     (sum / count.max(1) as f64).sqrt()
-}
-
-fn digest(scan: &ScanInput<'_>) -> [u8; 16] {
-    let mut hasher = blake3::Hasher::new();
-    let mut add = |values: &mut dyn Iterator<Item = f32>| {
-        let bytes: Vec<u8> = values.flat_map(f32::to_le_bytes).collect();
-        hasher.update(&(bytes.len() as u64).to_le_bytes()).update(&bytes);
-    };
-    add(&mut scan.features.keypoints.iter().flat_map(|p| [p.x, p.y, p.z]));
-    add(&mut scan.features.descriptors.values().iter().copied());
-    add(&mut scan.surface.points.iter().flat_map(|p| [p.x, p.y, p.z]));
-    let mut digest = [0; 16];
-    digest.copy_from_slice(&hasher.finalize().as_bytes()[..16]);
-    digest
 }

@@ -1,7 +1,9 @@
 //! Registration of two scans with each other.
 
-pub mod correspondences;
-pub mod edge;
-pub mod estimate;
-pub mod matching;
-pub mod nearest;
+pub(super) mod config;
+pub(crate) mod correspondences;
+pub(crate) mod edge;
+pub(crate) mod estimate;
+pub(crate) mod matching;
+pub(crate) mod nearest;
+pub(crate) mod registrar;

@@ -31,13 +31,13 @@ type Lanes<T> = AVec<T, ConstAlign<64>>;
 pub struct Best {
     /// Larger is nearer; `-inf` when there was nothing to compare with.
     pub score: f32,
-    /// Index of the counterpart; [`Best::NOBODY`]'s when there is none.
+    /// Index of the counterpart; [`Best::NONE`]'s when there is none.
     pub index: u32,
 }
 
 impl Best {
     /// No counterpart yet.
-    pub const NOBODY: Best = Best { score: f32::NEG_INFINITY, index: u32::MAX };
+    pub const NONE: Best = Best { score: f32::NEG_INFINITY, index: u32::MAX };
 
     /// The nearer of two; equal scores go to the lower index.
     #[inline]
@@ -124,7 +124,7 @@ pub struct Nearest {
 pub fn nearest_both(values: &[f32], ids: &[u32], columns: &Columns) -> Nearest {
     let parts: Vec<Nearest> = ids.par_chunks(CHUNK).map(|ids| nearest_chunk(values, ids, columns)).collect();
     let mut of_rows = Vec::with_capacity(ids.len());
-    let mut of_columns = vec![Best::NOBODY; columns.len];
+    let mut of_columns = vec![Best::NONE; columns.len];
     for part in parts {
         of_rows.extend(part.of_rows);
         for (best, new) in of_columns.iter_mut().zip(part.of_columns) {
@@ -188,7 +188,7 @@ impl Running {
 
     fn best(&self, lane: usize) -> Best {
         match self.of[lane] {
-            u32::MAX => Best::NOBODY,
+            u32::MAX => Best::NONE,
             index => Best { score: self.scores[lane], index },
         }
     }
@@ -333,7 +333,7 @@ fn vectors_mut<S: Simd, T: Scalar>(values: &mut [T]) -> &mut [Vector<S, T>] {
 
 /// The best over the lanes of a row; `starts` are the columns of their first lane.
 fn lowest(scores: &[f32], starts: &[u32]) -> Best {
-    scores.iter().zip(starts).enumerate().fold(Best::NOBODY, |best, (lane, (&score, &start))| match start {
+    scores.iter().zip(starts).enumerate().fold(Best::NONE, |best, (lane, (&score, &start))| match start {
         u32::MAX => best,
         start => best.or(Best { score, index: start + lane as u32 }),
     })
@@ -395,13 +395,18 @@ pub(crate) mod tests {
         let ids: Vec<u32> = (0..rows.len() as u32).collect();
         let found = nearest_both(rows.values(), &ids, &Columns::new(&columns));
         // One pair at a time, summed up in the same order: the same to the bit, whatever the processor.
-        let nearest = |of: &Descriptors, i: usize, among: &Descriptors| {
+        let nearest = |of: &Descriptors, i: usize, with_scan_count_prior: &Descriptors| {
             let score = |j: usize| {
-                let dot = of.row(i).iter().zip(among.row(j)).fold(0f32, |sum, (x, y)| x.mul_add(*y, sum));
-                dot - half_norm(among.row(j))
+                let dot = of
+                    .row(i)
+                    .iter()
+                    .zip(with_scan_count_prior.row(j))
+                    .fold(0f32, |sum, (x, y)| x.mul_add(*y, sum));
+                dot - half_norm(with_scan_count_prior.row(j))
             };
-            let best =
-                (0..among.len()).max_by(|&j, &k| score(j).total_cmp(&score(k)).then(k.cmp(&j))).unwrap();
+            let best = (0..with_scan_count_prior.len())
+                .max_by(|&j, &k| score(j).total_cmp(&score(k)).then(k.cmp(&j)))
+                .unwrap();
             Best { score: score(best), index: best as u32 }
         };
         for (i, best) in found.of_rows.iter().enumerate() {
@@ -425,7 +430,7 @@ pub(crate) mod tests {
     fn nothing_to_compare_gives_nobody() {
         let some = Descriptors::new(2, vec![1.0, 0.0]).unwrap();
         let none = Descriptors::new(2, vec![]).unwrap();
-        assert_eq!(nearest_both(some.values(), &[0], &Columns::new(&none)).of_rows, vec![Best::NOBODY]);
-        assert_eq!(nearest_both(none.values(), &[], &Columns::new(&some)).of_columns, vec![Best::NOBODY]);
+        assert_eq!(nearest_both(some.values(), &[0], &Columns::new(&none)).of_rows, vec![Best::NONE]);
+        assert_eq!(nearest_both(none.values(), &[], &Columns::new(&some)).of_columns, vec![Best::NONE]);
     }
 }

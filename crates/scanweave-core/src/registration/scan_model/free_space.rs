@@ -3,20 +3,20 @@
 use crate::geometry::Point;
 use crate::scan::Surface;
 
-/// Columns of a [`Sight`]: 3° each.
+/// Columns of a [`FreeSpace`]: 3° each.
 const AZIMUTHS: usize = 120;
-/// Rows of a [`Sight`]: 3° each.
+/// Rows of a [`FreeSpace`]: 3° each.
 const ELEVATIONS: usize = 60;
 
 /// Distance of the nearest surface from the viewpoint in every direction that the scan saw
 /// something in: what lies nearer was empty when the scan was taken.
-pub struct Sight {
+pub struct FreeSpace {
     viewpoint: Point,
     /// `[ELEVATIONS · AZIMUTHS]`, metres; infinite where nothing was seen.
     nearest_m: Vec<f32>,
 }
 
-impl Sight {
+impl FreeSpace {
     pub(super) fn new(surface: &Surface) -> Self {
         let mut nearest_m = vec![f32::INFINITY; AZIMUTHS * ELEVATIONS];
         for p in &surface.points {

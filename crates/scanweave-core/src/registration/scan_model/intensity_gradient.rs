@@ -5,19 +5,19 @@ use crate::geometry::{Direction, MIN_NORMAL_COSINE};
 use crate::scan::Surface;
 use nalgebra::{Matrix2, Vector2};
 
-/// Slope of the shade along the tangent plane of every point, per metre: least squares over neighbours
+/// Slope of the intensity along the tangent plane of every point, per metre: least squares over neighbours
 /// within `radius_m` that face the same way. Zero where a point has no normal or too few neighbours.
 ///
-/// The surface must know its shades.
+/// The surface must know its intensities.
 ///
-/// On the calling thread alone: [`ScanModel::slopes`] lets other threads wait for the result. Were the
+/// On the calling thread alone: [`ScanModel::gradients`] lets other threads wait for the result. Were the
 /// work shared with them, one of them could take up, before it is done, a task that waits for it.
-pub(super) fn slopes(surface: &Surface, radius_m: f32) -> Vec<Direction> {
+pub(super) fn gradients(surface: &Surface, radius_m: f32) -> Vec<Direction> {
     let grid = RadiusGrid::new(&surface.points, radius_m);
-    (0..surface.len()).map(|at| slope(surface, &grid, at).unwrap_or_default()).collect()
+    (0..surface.len()).map(|at| gradient(surface, &grid, at).unwrap_or_default()).collect()
 }
 
-fn slope(surface: &Surface, grid: &RadiusGrid<'_>, at: usize) -> Option<Direction> {
+fn gradient(surface: &Surface, grid: &RadiusGrid<'_>, at: usize) -> Option<Direction> {
     /// Neighbours that fix a slope.
     const FEWEST: usize = 5;
     let (p, n) = (surface.points[at], surface.normals[at]);
@@ -32,7 +32,7 @@ fn slope(surface: &Surface, grid: &RadiusGrid<'_>, at: usize) -> Option<Directio
             let d = surface.points[k] - p;
             let on_plane = Vector2::new(f64::from(u.dot(&d)), f64::from(v.dot(&d)));
             square += on_plane * on_plane.transpose();
-            right += on_plane * f64::from(surface.shades[k] - surface.shades[at]);
+            right += on_plane * f64::from(surface.intensities[k] - surface.intensities[at]);
             count += 1;
         }
     });
@@ -50,14 +50,15 @@ mod tests {
     use super::*;
     use crate::geometry::Point;
 
-    /// A tilted plane whose shade rises by `rise` a metre.
+    /// A tilted plane whose intensity rises by `rise` a metre.
     fn ramp(rise: Direction) -> (Surface, Direction) {
         let (u, v) = (Direction::new(2.0, 1.0, -2.0) / 3.0, Direction::new(2.0, -2.0, 1.0) / 3.0);
         let normal = u.cross(&v);
         let points: Vec<Point> =
             (0..1600).map(|i| Point::from(u * (i % 40) as f32 * 0.02 + v * (i / 40) as f32 * 0.02)).collect();
-        let shades = points.iter().map(|p| 0.5 + rise.dot(&p.coords)).collect();
-        let surface = Surface { normals: vec![normal; points.len()], points, shades, ..Surface::default() };
+        let intensities = points.iter().map(|p| 0.5 + rise.dot(&p.coords)).collect();
+        let surface =
+            Surface { normals: vec![normal; points.len()], points, intensities, ..Surface::default() };
         (surface, normal)
     }
 
@@ -66,8 +67,8 @@ mod tests {
         let rise = Direction::new(0.3, -0.2, 0.4);
         let (surface, normal) = ramp(rise);
         let expected = rise - normal * rise.dot(&normal);
-        for slope in slopes(&surface, 0.07) {
-            assert!((slope - expected).norm() < 5e-3 * expected.norm(), "{slope} {expected}");
+        for gradient in gradients(&surface, 0.07) {
+            assert!((gradient - expected).norm() < 5e-3 * expected.norm(), "{gradient} {expected}");
         }
     }
 }

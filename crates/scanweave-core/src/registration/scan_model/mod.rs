@@ -4,12 +4,12 @@
 mod free_space;
 mod intensity_gradient;
 
-pub use free_space::Sight;
+pub use free_space::FreeSpace;
 
-use crate::registration::config::RegistrationConfig;
-use crate::geometry::nearest_map::{NOBODY, NearestMap};
+use crate::geometry::nearest_map::{NO_POINT, NearestMap};
 use crate::geometry::rigid::PointMover;
 use crate::geometry::{Direction, Point, RigidMotion};
+use crate::registration::config::RegistrationConfig;
 use crate::scan::Surface;
 use std::sync::OnceLock;
 
@@ -26,23 +26,23 @@ pub struct ScanModel<'a> {
     /// Radius of the bounding sphere, metres.
     pub reach_m: f32,
     /// How far the scan saw.
-    pub sight: Sight,
+    pub free_space: FreeSpace,
     /// What is near, for radii up to τ.
     fine: NearestMap,
     /// What is near for larger radii; made when first asked for.
     coarse: OnceLock<NearestMap>,
     /// The largest radius that will be asked for, metres.
     widest_m: f32,
-    /// How the shade changes along the surface; made when first asked for.
-    slopes: OnceLock<Vec<Direction>>,
+    /// How the intensity changes along the surface; made when first asked for.
+    gradients: OnceLock<Vec<Direction>>,
 }
 
 impl<'a> ScanModel<'a> {
     /// Prepares a surface for comparisons within `radius_m` (τ, metres), of as many points as the
     /// settings say.
     pub fn new(surface: &'a Surface, radius_m: f32, config: &RegistrationConfig) -> Self {
-        let widest = config.joint.radii.iter().fold(1.0, |w: f64, &r| w.max(r)) as f32;
-        Self::with_sizes(surface, radius_m, config.evidence.points_per_scan, widest * radius_m)
+        let widest = config.multiview_icp.widest_radius() as f32;
+        Self::with_sizes(surface, radius_m, config.compared_points(), widest * radius_m)
     }
 
     /// Prepares a surface for comparisons of at most `points` of its points within `radius_m`, and of
@@ -65,19 +65,19 @@ impl<'a> ScanModel<'a> {
             sample,
             centre,
             reach_m,
-            sight: Sight::new(surface),
+            free_space: FreeSpace::new(surface),
             fine: NearestMap::new(&surface.points, radius_m),
             coarse: OnceLock::new(),
             widest_m,
-            slopes: OnceLock::new(),
+            gradients: OnceLock::new(),
         }
     }
 
-    /// Slope of the shade at every point of the surface, per metre; zero everywhere without colour.
-    pub(super) fn slopes(&self) -> &[Direction] {
-        self.slopes.get_or_init(|| match self.surface.shades.is_empty() {
+    /// Slope of the intensity at every point of the surface, per metre; zero everywhere without colour.
+    pub(super) fn gradients(&self) -> &[Direction] {
+        self.gradients.get_or_init(|| match self.surface.intensities.is_empty() {
             true => vec![Direction::zeros(); self.surface.len()],
-            false => intensity_gradient::slopes(self.surface, self.radius_m),
+            false => intensity_gradient::gradients(self.surface, self.radius_m),
         })
     }
 
@@ -98,14 +98,14 @@ impl<'a> ScanModel<'a> {
         ((self.surface.points[found] - place).norm_squared() <= radius_m * radius_m).then_some(found)
     }
 
-    /// [`Self::near`] of every place in the scan's frame, [`NOBODY`] for `None`.
+    /// [`Self::near`] of every place in the scan's frame, [`NO_POINT`] for `None`.
     pub fn near_each(&self, places: &[Point], radius_m: f32) -> Vec<u32> {
         let mut found = self.map(radius_m).near_each(places);
         let Some(last) = self.surface.len().checked_sub(1) else { return found };
         for (found, place) in found.iter_mut().zip(places) {
             // Of any point: a branch would be guessed wrongly and wait.
             let squared = (self.surface.points[(*found as usize).min(last)] - place).norm_squared();
-            *found = if squared <= radius_m * radius_m { *found } else { NOBODY };
+            *found = if squared <= radius_m * radius_m { *found } else { NO_POINT };
         }
         found
     }
@@ -136,7 +136,7 @@ mod tests {
         let wall = wall();
         let model = ScanModel::with_sizes(&wall, 0.07, 100, 0.14);
         assert_eq!(model.sample.len(), 100);
-        let at = |x: f32, y: f32| model.sight.in_front_m(&Point::new(x, y, 0.0));
+        let at = |x: f32, y: f32| model.free_space.in_front_m(&Point::new(x, y, 0.0));
         // A bin is 3° wide: the nearest of its wall points is nearer by at most 3°·tan(0) of it.
         assert!((at(1.0, 0.0).unwrap() - 2.0).abs() < 0.02);
         assert!((at(4.0, 0.0).unwrap() + 1.0).abs() < 0.02);
@@ -156,17 +156,17 @@ mod tests {
             let places: Vec<Point> = away.iter().map(|d| Point::new(3.0 - d, 0.0, 0.0)).collect();
             let found = model.near_each(&places, radius_m);
             for ((place, away), found) in places.iter().zip(away).zip(found) {
-                assert_eq!(model.near(place, radius_m).map_or(NOBODY, |i| i as u32), found);
+                assert_eq!(model.near(place, radius_m).map_or(NO_POINT, |i| i as u32), found);
                 // The map may miss none within the radius and the distance tells those beyond it.
                 if (away - radius_m).abs() > 1e-4 {
-                    assert_eq!(found != NOBODY, away < radius_m, "{away} of {radius_m}");
+                    assert_eq!(found != NO_POINT, away < radius_m, "{away} of {radius_m}");
                 }
             }
         }
         let nothing = Surface::default();
         assert_eq!(
             ScanModel::with_sizes(&nothing, 0.07, 1, 0.14).near_each(&[Point::origin()], 0.07),
-            [NOBODY]
+            [NO_POINT]
         );
     }
 
@@ -175,7 +175,7 @@ mod tests {
         use rayon::prelude::*;
         use std::sync::mpsc;
         let mut wall = wall();
-        wall.shades = vec![0.5; wall.len()];
+        wall.intensities = vec![0.5; wall.len()];
         let (done, waiting) = mpsc::channel();
         // Tasks that wait for each other never end: not joined, so that the test does.
         std::thread::spawn(move || {
@@ -185,7 +185,7 @@ mod tests {
                 let asked = |k: usize| {
                     // Some threads are still busy with something else when the first asks.
                     std::thread::sleep(std::time::Duration::from_micros(k as u64 * 137 % 1000));
-                    assert_eq!(model.slopes().len(), 6400);
+                    assert_eq!(model.gradients().len(), 6400);
                 };
                 pool.install(|| (0..200).into_par_iter().for_each(asked));
             }

@@ -1,7 +1,8 @@
 //! How probable a relative pose is, by what matches and surfaces say of it.
 
-pub mod alignment;
-pub mod decline;
-pub mod probability;
-pub mod surface_fit;
-pub mod verifier;
+pub(crate) mod alignment;
+pub(super) mod config;
+pub(crate) mod decline;
+pub(crate) mod probability;
+pub(crate) mod surface_fit;
+pub(crate) mod verifier;

@@ -5,17 +5,17 @@
 //! the distance to tangent planes (with the normal equations that reduce it; Chen & Medioni
 //! 1991), and how much of either side lies in space that the other saw to be empty.
 
-use crate::registration::scan_model::ScanModel;
-use crate::geometry::nearest_map::NOBODY;
+use crate::geometry::nearest_map::NO_POINT;
 use crate::geometry::rigid::PointMover;
 use crate::geometry::{MIN_NORMAL_COSINE, Point, RigidMotion};
+use crate::registration::scan_model::ScanModel;
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 use rayon::prelude::*;
 
 /// Points further in front of a seen surface than this many radii contradict it.
 const MARGIN: f32 = 3.0;
 /// Two scans are compared only where every n-th point shows that they meet.
-const GLANCE: usize = 8;
+const COARSE_STRIDE: usize = 8;
 
 /// A scan at a pose in the frame of its group.
 #[derive(Clone, Copy)]
@@ -38,10 +38,10 @@ pub struct SurfaceFit {
     pub plane_residual: f64,
     /// Points in space that a scan of the other group saw to be empty, over these and the
     /// touching ones, in `[0, 1]`.
-    pub violation: f64,
+    pub free_space_violation: f64,
     /// Smallest eigenvalue of the information about the relative pose per touching point,
     /// lengths in units of the spread of these points: 0 where some motion is free.
-    pub stiffness: f64,
+    pub localizability: f64,
 }
 
 /// Sums over the sampled points of both groups.
@@ -54,9 +54,9 @@ pub(super) struct Sums {
     /// Σ w h hᵀ, lower part by columns, and Σ w r h of a left perturbation of group b, h = [x×n; n].
     information: [f64; 21],
     pub(super) gradient: Vector6<f64>,
-    /// Whether w is Tukey's weight of the residual r, to align by, or 1, for the stiffness.
+    /// Whether w is Tukey's weight of the residual r, to align by, or 1, for the localizability.
     weighted: bool,
-    /// Σ x and Σ |x|² over agreeing points, for the stiffness.
+    /// Σ x and Σ |x|² over agreeing points, for the localizability.
     sum: Vector3<f64>,
     square: f64,
 }
@@ -115,8 +115,8 @@ pub fn surface_fit(a: &[Posed<'_>], b: &[Posed<'_>], a_from_b: &RigidMotion, str
         overlap: (sums.touching[0] as f64 / per_scan(a)).min(sums.touching[1] as f64 / per_scan(b)),
         normal_agreement: sums.agreeing as f64 / touching.max(1.0),
         plane_residual: (sums.squared / sums.agreeing.max(1) as f64).sqrt() / radius_m,
-        violation: sums.violating as f64 / (sums.violating as f64 + touching).max(1.0),
-        stiffness: stiffness(&sums),
+        free_space_violation: sums.violating as f64 / (sums.violating as f64 + touching).max(1.0),
+        localizability: localizability(&sums),
     }
 }
 
@@ -140,7 +140,7 @@ pub(super) fn pass(
         [(a, &identity, b, a_from_b), (b, a_from_b, a, &identity)].into_iter().enumerate()
     {
         let to_poses: Vec<RigidMotion> = to.iter().map(|t| to_motion * t.group_from_scan).collect();
-        let judge_sight = contacts.is_none();
+        let check_free_space = contacts.is_none();
         // Scans side by side; summed up in their order, so that the sums are the same to the bit.
         let compared: Vec<(Touches<'_>, Vec<Contact>)> = from
             .par_iter()
@@ -152,7 +152,7 @@ pub(super) fn pass(
                     if known.as_ref().is_some_and(|k| k.binary_search(&(side, f, t)).is_err()) {
                         continue;
                     }
-                    if points.compare(other.model, world_from_other, judge_sight) {
+                    if points.compare(other.model, world_from_other, check_free_space) {
                         touching.push((side, f, t));
                     }
                 }
@@ -186,7 +186,12 @@ impl<'a> Touches<'a> {
     }
 
     /// Takes in one scan of the other group; whether any point touches it.
-    fn compare(&mut self, other: &ScanModel<'_>, world_from_other: &RigidMotion, judge_sight: bool) -> bool {
+    fn compare(
+        &mut self,
+        other: &ScanModel<'_>,
+        world_from_other: &RigidMotion,
+        check_free_space: bool,
+    ) -> bool {
         let model = self.model;
         let other_from_scan = world_from_other.inverse() * self.world_from_scan;
         let centre = other_from_scan * model.centre.cast::<f64>();
@@ -199,9 +204,9 @@ impl<'a> Touches<'a> {
         let mover = PointMover::new(&other_from_scan);
         let meets = |row: &usize| {
             let moved = mover.point(&model.surface.points[*row]);
-            other.near(&moved, radius_m).is_some() || (judge_sight && contradicts(other, &moved))
+            other.near(&moved, radius_m).is_some() || (check_free_space && violates_free_space(other, &moved))
         };
-        if !self.rows.iter().step_by(GLANCE).any(meets) {
+        if !self.rows.iter().step_by(COARSE_STRIDE).any(meets) {
             return false;
         }
         let mut touched = false;
@@ -210,7 +215,7 @@ impl<'a> Touches<'a> {
         let near = other.near_each(&moved, radius_m);
         let state = self.touches.iter_mut().zip(&mut self.violated);
         for (((&row, moved), near), (touch, violated)) in self.rows.iter().zip(moved).zip(near).zip(state) {
-            if near != NOBODY {
+            if near != NO_POINT {
                 let near = near as usize;
                 touched = true;
                 let n = other.surface.normals[near];
@@ -224,8 +229,8 @@ impl<'a> Touches<'a> {
                     let normal = world_from_other.rotation * n.cast::<f64>();
                     *touch = Touch::Agreeing { off, world, normal };
                 }
-            } else if judge_sight && !*violated {
-                *violated = contradicts(other, &moved);
+            } else if check_free_space && !*violated {
+                *violated = violates_free_space(other, &moved);
             }
         }
         touched
@@ -241,8 +246,8 @@ impl<'a> Touches<'a> {
 
 /// Whether a place in a scan's frame lies in space that the scan saw to be empty.
 #[inline]
-fn contradicts(other: &ScanModel<'_>, place: &Point) -> bool {
-    other.sight.in_front_m(place).is_some_and(|m| m > MARGIN * other.radius_m)
+fn violates_free_space(other: &ScanModel<'_>, place: &Point) -> bool {
+    other.free_space.in_front_m(place).is_some_and(|m| m > MARGIN * other.radius_m)
 }
 
 fn add(sums: &mut Sums, side: usize, touch: &Touch, violated: bool, radius_m: f64) {
@@ -277,7 +282,7 @@ fn add(sums: &mut Sums, side: usize, touch: &Touch, violated: bool, radius_m: f6
 
 /// Smallest eigenvalue of Σ g gᵀ / n with g = [(x − c)×n / s; n], c the centroid and s the spread
 /// (root mean square distance from it) of the agreeing points (Gelfand et al. 2003).
-fn stiffness(sums: &Sums) -> f64 {
+fn localizability(sums: &Sums) -> f64 {
     let n = sums.agreeing as f64;
     if n < 6.0 {
         return 0.0;
@@ -340,7 +345,7 @@ mod tests {
         assert_relative_eq!(fit.normal_agreement, 1.0);
         assert_relative_eq!(fit.plane_residual, 0.02 / 0.07, epsilon = 1e-4);
         // A plane can slide two ways and spin: nothing holds it.
-        assert_relative_eq!(fit.stiffness, 0.0, epsilon = 1e-9);
+        assert_relative_eq!(fit.localizability, 0.0, epsilon = 1e-9);
     }
 
     #[test]
@@ -357,9 +362,9 @@ mod tests {
         // floor (all but what lies beyond its edge as seen from above); the lower one lies behind.
         let fit = between(&floor(), &floor(), &RigidMotion::translation(0.0, 0.0, 0.4));
         assert_eq!(fit.overlap, 0.0);
-        assert_relative_eq!(fit.violation, 1.0);
+        assert_relative_eq!(fit.free_space_violation, 1.0);
         let apart = between(&floor(), &floor(), &RigidMotion::translation(0.0, 0.0, -20.0));
-        assert_eq!(apart.violation, 0.0);
+        assert_eq!(apart.free_space_violation, 0.0);
     }
 
     #[test]
@@ -370,6 +375,6 @@ mod tests {
         // least eigenvalue is (7 − √17)/24; along it the eigenvalues are 1/6 and 1/3.
         let fit = between(&corner(), &corner(), &RigidMotion::identity());
         let expected = (7.0 - 17f64.sqrt()) / 24.0;
-        assert_relative_eq!(fit.stiffness, expected, max_relative = 0.02);
+        assert_relative_eq!(fit.localizability, expected, max_relative = 0.02);
     }
 }

@@ -1,15 +1,15 @@
 //! Evidence for possible relative poses of two groups of scans.
 
-use crate::registration::config::RegistrationConfig;
-use crate::geometry::rigid::same_motion;
-use crate::registration::pairwise::correspondences::Correspondences;
-use crate::registration::verification::probability;
-use crate::registration::scan_model::ScanModel;
-use crate::registration::verification::alignment::align;
-use crate::registration::verification::surface_fit::{Posed, SurfaceFit, surface_fit};
 use crate::geometry::RigidMotion;
 use crate::geometry::fit::fit_rigid;
-use crate::scan::Support;
+use crate::geometry::rigid::same_motion;
+use crate::registration::config::SurfaceVerification;
+use crate::registration::pairwise::correspondences::Correspondences;
+use crate::registration::scan_model::ScanModel;
+use crate::registration::verification::alignment::align;
+use crate::registration::verification::probability;
+use crate::registration::verification::surface_fit::{Posed, SurfaceFit, surface_fit};
+use crate::scan::Evidence;
 use nalgebra::Point3;
 use rayon::prelude::*;
 
@@ -21,48 +21,48 @@ const UNDECIDED: f64 = 0.5;
 
 /// A possible relative pose, with what speaks for it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Assessment {
+pub struct ScoredHypothesis {
     /// Takes coordinates of the second group to those of the first.
     pub a_from_b: RigidMotion,
     /// What speaks for it; the probability is always there.
-    pub support: Support,
+    pub evidence: Evidence,
 }
 
-impl Assessment {
+impl ScoredHypothesis {
     /// Probability that it is right.
     pub fn probability(&self) -> f64 {
-        self.support.probability.unwrap_or(0.0)
+        self.evidence.probability.unwrap_or(0.0)
     }
 }
 
-/// Every n-th of the points that evidence is measured with is looked at in a glance.
-const GLANCE: usize = 8;
+/// Every n-th of the points that evidence is measured with is looked at in a coarse check.
+const COARSE_STRIDE: usize = 8;
 
 /// Measures evidence with one set of models and settings.
-pub struct Assessor<'a> {
+pub struct Verifier<'a> {
     /// The scans' surfaces, in the order of the scans.
     pub models: &'a [ScanModel<'a>],
     /// Settings.
-    pub config: &'a RegistrationConfig,
+    pub settings: &'a SurfaceVerification,
     /// τ, metres.
     pub radius_m: f64,
-    /// Whether viewpoints are believed: [`probability::sight_is_trustworthy`].
-    pub sight_trusted: bool,
+    /// Whether viewpoints are reliable: [`probability::viewpoints_are_reliable`].
+    pub viewpoints_reliable: bool,
 }
 
-impl Assessor<'_> {
+impl Verifier<'_> {
     /// Aligns every proposed motion of group `b` to group `a`, drops repetitions, and measures
-    /// the evidence for the first [`crate::registration::config::EvidenceConfig::hypotheses`] that are left, most inliers
+    /// the evidence for the first [`SurfaceVerification::hypotheses`] that are left, most inliers
     /// first. Most probable first.
     ///
     /// `matches` pairs points of `b` (sources) with points of `a` (targets), in the groups' frames.
-    pub fn assess(
+    pub fn score(
         &self,
         a: &[Posed<'_>],
         b: &[Posed<'_>],
         proposals: &[RigidMotion],
         matches: &Correspondences,
-    ) -> Vec<Assessment> {
+    ) -> Vec<ScoredHypothesis> {
         let centre = centre_of(b);
         // Motion, inliers, and the stride that its evidence is measured with; the rest are rivals only.
         let mut distinct: Vec<(RigidMotion, Vec<usize>, Option<usize>)> = Vec::new();
@@ -102,25 +102,25 @@ impl Assessor<'_> {
         distinct.sort_by_key(|d| std::cmp::Reverse(d.1.len()));
         let considered: Vec<(usize, usize)> = (0..distinct.len())
             .filter_map(|h| Some((h, distinct[h].2?)))
-            .take(if a.len().min(b.len()) > 1 { 2 } else { 1 } * self.config.evidence.hypotheses)
+            .take(if a.len().min(b.len()) > 1 { 2 } else { 1 } * self.settings.hypotheses)
             .collect();
-        let mut assessed: Vec<Assessment> = considered
+        let mut scored: Vec<ScoredHypothesis> = considered
             .into_par_iter()
             .map(|(h, stride)| {
                 let (a_from_b, inliers, _) = &distinct[h];
                 let others = distinct.iter().enumerate().filter(|o| o.0 != h).map(|o| o.1.1.as_slice());
-                let runner_up = self.runner_up(matches, a_from_b, others);
-                self.measure(a, b, a_from_b, matches, (inliers.len(), runner_up), stride)
+                let second_best_inliers = self.second_best_inliers(matches, a_from_b, others);
+                self.measure(a, b, a_from_b, matches, (inliers.len(), second_best_inliers), stride)
             })
             .collect();
         // A stable sort: what is equally probable keeps the order of inliers.
-        assessed.sort_by(|x, y| y.probability().total_cmp(&x.probability()));
-        assessed
+        scored.sort_by(|x, y| y.probability().total_cmp(&x.probability()));
+        scored
     }
 
-    /// A proposal aligned by the surfaces, and the stride to measure it with; `None` where a glance shows
+    /// A proposal aligned by the surfaces, and the stride to measure it with; `None` where a coarse check shows
     /// that it is not worth it. If it must be measured (`.1` of what is known, besides its inliers) it is,
-    /// between groups no better than at a glance.
+    /// between groups no better than at a coarse check.
     fn aligned(
         &self,
         a: &[Posed<'_>],
@@ -132,21 +132,21 @@ impl Assessor<'_> {
         /// Strides of a first alignment, between groups: so many times the usual one, and at most.
         const COARSER: usize = 4;
         const COARSEST: usize = 32;
-        let rounds = self.config.evidence.align_rounds;
+        let rounds = self.settings.align_rounds;
         let stride = self.align_stride(a, b);
         let coarse = (COARSER * stride).min(COARSEST);
         let of_groups = a.len() + b.len() > 2;
-        // Between groups a proposal may be off by more than what a glance measures it by.
+        // Between groups a proposal may be off by more than what a coarse check measures it by.
         let motion = if of_groups { align(a, b, proposal, rounds, coarse) } else { *proposal };
         if (of_groups || !must_be) && self.is_hopeless(a, b, &motion, matches, inliers) {
-            return must_be.then_some((motion, GLANCE * fit_stride(a, b)));
+            return must_be.then_some((motion, COARSE_STRIDE * fit_stride(a, b)));
         }
         let enough = of_groups && coarse <= stride;
         let motion = if enough { motion } else { align(a, b, &motion, rounds, stride) };
         Some((motion, fit_stride(a, b)))
     }
 
-    /// Whether a glance at a few points shows that nothing is to be expected of a pose.
+    /// Whether a coarse check at a few points shows that nothing is to be expected of a pose.
     fn is_hopeless(
         &self,
         a: &[Posed<'_>],
@@ -158,11 +158,13 @@ impl Assessor<'_> {
         /// Probability, without any rival, below which nothing is expected of two scans, which are not
         /// aligned yet, and of groups, which are.
         const HOPELESS: [f64; 2] = [1e-3, 0.01];
-        let stride = GLANCE * fit_stride(a, b);
+        let stride = COARSE_STRIDE * fit_stride(a, b);
         let inliers = inliers.max(matches.count(a_from_b, self.radius_m));
-        let glance = self.support_of(&surface_fit(a, b, a_from_b, stride), a_from_b, matches, (inliers, 0));
-        let p = probability::probability(&glance, &self.config.evidence.weights, self.sight_trusted);
-        probability::among(p, self.models.len()) < HOPELESS[usize::from(a.len() + b.len() > 2)]
+        let coarse_check =
+            self.evidence_of(&surface_fit(a, b, a_from_b, stride), a_from_b, matches, (inliers, 0));
+        let p = probability::probability(&coarse_check, self.settings, self.viewpoints_reliable);
+        probability::with_scan_count_prior(p, self.models.len())
+            < HOPELESS[usize::from(a.len() + b.len() > 2)]
     }
 
     /// Between groups, the closed-form fit to the matches near a proposal, narrowing down: what two
@@ -195,7 +197,7 @@ impl Assessor<'_> {
 
     /// Most inliers of another hypothesis that speak against this motion: those which it does not
     /// bring within 2τ.
-    pub fn runner_up<'m>(
+    pub fn second_best_inliers<'m>(
         &self,
         matches: &Correspondences,
         a_from_b: &RigidMotion,
@@ -208,25 +210,21 @@ impl Assessor<'_> {
             .unwrap_or(0)
     }
 
-    /// Whether viewpoints that are believed speak against a pose, so that no number of matches makes up
-    /// for it: two rooms furnished alike match as well as one seen twice.
-    fn is_contradicted(&self, support: &Support) -> bool {
-        self.sight_trusted && support.violation > probability::MOST_VIOLATION_OF_RIGHT
-    }
-
-    /// Probability that a pose with this support is right; 0 with fewer inliers than are needed, and
+    /// Probability that a pose with this evidence is right; 0 with fewer inliers than are needed, and
     /// at most one half where nothing singles the pose out or viewpoints contradict it.
-    pub fn probability(&self, support: &Support) -> f64 {
-        if support.inliers < self.config.evidence.min_inliers {
+    pub fn probability(&self, evidence: &Evidence) -> f64 {
+        if evidence.inliers < self.settings.min_inliers {
             return 0.0;
         }
-        let p = probability::probability(support, &self.config.evidence.weights, self.sight_trusted);
-        let p = probability::among(p, self.models.len());
-        if probability::is_undecided(support) || self.is_contradicted(support) { p.min(UNDECIDED) } else { p }
+        let p = probability::probability(evidence, self.settings, self.viewpoints_reliable);
+        let p = probability::with_scan_count_prior(p, self.models.len());
+        let limited = probability::is_undecided(evidence, self.settings)
+            || probability::exceeds_free_space_limit(evidence, self.settings, self.viewpoints_reliable);
+        if limited { p.min(UNDECIDED) } else { p }
     }
 
     /// The evidence for one motion, which is not changed, with as many of the matches in agreement with
-    /// it and with the next best one; every `stride`-th point is looked at, as [`fit_stride`] says.
+    /// it and with the next best one; every `stride`-th point is looked at, as `fit_stride` says.
     pub fn measure(
         &self,
         a: &[Posed<'_>],
@@ -235,32 +233,32 @@ impl Assessor<'_> {
         matches: &Correspondences,
         agreeing: (usize, usize),
         stride: usize,
-    ) -> Assessment {
+    ) -> ScoredHypothesis {
         let fit = surface_fit(a, b, a_from_b, stride);
-        let mut support = self.support_of(&fit, a_from_b, matches, agreeing);
-        support.probability = Some(self.probability(&support));
-        Assessment { a_from_b: *a_from_b, support }
+        let mut evidence = self.evidence_of(&fit, a_from_b, matches, agreeing);
+        evidence.probability = Some(self.probability(&evidence));
+        ScoredHypothesis { a_from_b: *a_from_b, evidence }
     }
 
     /// What matches and surfaces say of a pose together.
-    fn support_of(
+    fn evidence_of(
         &self,
         fit: &SurfaceFit,
         a_from_b: &RigidMotion,
         matches: &Correspondences,
-        (inliers, runner_up): (usize, usize),
-    ) -> Support {
-        Support {
+        (inliers, second_best_inliers): (usize, usize),
+    ) -> Evidence {
+        Evidence {
             matches: matches.len(),
             inliers,
-            runner_up,
-            chance: matches.count_by_chance(a_from_b, self.radius_m),
+            second_best_inliers,
+            chance_inliers: matches.count_by_chance(a_from_b, self.radius_m),
             overlap: fit.overlap,
             normal_agreement: fit.normal_agreement,
             plane_residual: fit.plane_residual,
-            violation: fit.violation,
-            stiffness: fit.stiffness,
-            ..Support::default()
+            free_space_violation: fit.free_space_violation,
+            localizability: fit.localizability,
+            ..Evidence::default()
         }
     }
 

@@ -7,7 +7,7 @@
 mod network;
 mod weights;
 
-pub use network::{GLOBAL, HIDDEN, NODE, ROUNDS};
+use network::{GLOBAL, NODE, ROUNDS};
 pub use weights::LitsWeights;
 
 use super::network::{Link, Network};

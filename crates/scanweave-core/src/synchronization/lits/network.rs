@@ -93,8 +93,7 @@ impl Dense {
     fn new(weights: &LitsWeights, layer: &str) -> Self {
         let (weight, bias) = weights.layer(layer);
         let (outputs, inputs) = (bias.len(), weight.len() / bias.len().max(1));
-        let transposed =
-            (0..weight.len()).map(|at| weight[at % outputs * inputs + at / outputs]).collect();
+        let transposed = (0..weight.len()).map(|at| weight[at % outputs * inputs + at / outputs]).collect();
         Self { weight: transposed, bias: bias.to_vec() }
     }
 
@@ -154,9 +153,8 @@ impl GraphNetwork {
         nodes.iter().for_each(|row| mean.iter_mut().zip(row).for_each(|(m, v)| *m += v / n as f32));
         let global = two(&self.global_mlp, &Rows::beside(1, |_| [global.row(0), &mean[..]]));
 
-        let input = Rows::beside(ends.to.len(), |m| {
-            [nodes.row(ends.from[m]), nodes.row(ends.to[m]), errors.row(m)]
-        });
+        let input =
+            Rows::beside(ends.to.len(), |m| [nodes.row(ends.from[m]), nodes.row(ends.to[m]), errors.row(m)]);
         let mut features = two(&self.node_mlp_1, &input).map(relu);
         let weights = self.weights(&input, ends, n);
         let width = features.width;

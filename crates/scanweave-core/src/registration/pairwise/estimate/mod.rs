@@ -1,14 +1,14 @@
 //! Robust rigid motions from matches with many outliers.
 
-pub mod ransac;
-pub mod spatial_compatibility;
+mod ransac;
+mod spatial_compatibility;
 
-use crate::registration::config::{EstimatorConfig, EstimatorKind};
-use crate::registration::pairwise::matching::Matches;
 use crate::geometry::fit::fit_rigid;
 use crate::geometry::rigid::{RigidMotion, same_motion};
-use nalgebra::Point3;
+use crate::registration::config::EstimatorConfig;
 use crate::registration::pairwise::correspondences::Correspondences;
+use crate::registration::pairwise::matching::Matches;
+use nalgebra::Point3;
 
 /// Distinct proposals that are refined.
 const PROPOSALS: usize = 20;
@@ -28,20 +28,22 @@ pub struct Hypothesis {
 /// best supported first; empty when fewer than three matches agree on one.
 ///
 /// Every hypothesis is refined by closed-form fits to its matches within twice the
-/// radius, then within it (SPEC: pairwise registration).
+/// radius, then within it.
 pub fn estimate(matches: &Matches, config: &EstimatorConfig, radius_m: f64, seed: u64) -> Vec<Hypothesis> {
     if matches.len() < 3 {
         return Vec::new();
     }
     let correspondences = Correspondences::new(&matches.source, &matches.target);
-    let nearest = matches.nearest_in_descriptor_space(config.max_matches);
+    let nearest = matches.nearest_in_descriptor_space(config.max_matches());
     let nearest = Correspondences::new(
         &nearest.iter().map(|&m| matches.source[m]).collect::<Vec<_>>(),
         &nearest.iter().map(|&m| matches.target[m]).collect::<Vec<_>>(),
     );
-    let proposals = match config.kind {
-        EstimatorKind::Ransac => ransac::propose(&nearest, config, radius_m, seed),
-        EstimatorKind::SpatialCompatibility => spatial_compatibility::propose(&nearest, config, radius_m),
+    let proposals = match config {
+        EstimatorConfig::Ransac(config) => ransac::propose(&nearest, config, radius_m, seed),
+        EstimatorConfig::SpatialCompatibility(config) => {
+            spatial_compatibility::propose(&nearest, config.hypotheses, radius_m)
+        }
     };
     let refined = distinct(proposals, PROPOSALS, radius_m)
         .into_iter()
@@ -66,7 +68,7 @@ fn refine(correspondences: &Correspondences, start: &Hypothesis, radius_m: f64) 
 
 /// Best-supported first, without repetitions of nearly the same motion.
 fn distinct(mut hypotheses: Vec<Hypothesis>, at_most: usize, radius_m: f64) -> Vec<Hypothesis> {
-    // A stable sort: equal support keeps the order of proposal, which is deterministic.
+    // A stable sort: equal evidence keeps the order of proposal, which is deterministic.
     hypotheses.sort_by_key(|h| std::cmp::Reverse(h.inliers));
     let mut kept: Vec<Hypothesis> = Vec::new();
     for h in hypotheses {
@@ -86,9 +88,10 @@ fn distinct(mut hypotheses: Vec<Hypothesis>, at_most: usize, radius_m: f64) -> V
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::rigid::rotation_error_rad;
     use crate::geometry::Point;
+    use crate::geometry::rigid::rotation_error_rad;
     use crate::geometry::rigid::translation_error_m;
+    use crate::registration::config::RansacConfig;
     use nalgebra::Vector3;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
@@ -113,11 +116,14 @@ mod tests {
         (matches, truth)
     }
 
-    fn assert_found(kind: EstimatorKind, hypotheses: usize, inlier_ratio: f64) {
-        let config = EstimatorConfig { kind, hypotheses, ..EstimatorConfig::default() };
+    fn both() -> [EstimatorConfig; 2] {
+        [EstimatorConfig::Ransac(RansacConfig::default()), EstimatorConfig::default()]
+    }
+
+    fn assert_found(config: &EstimatorConfig, inlier_ratio: f64) {
         for seed in 0..5 {
             let (matches, truth) = scene(1000, inlier_ratio, seed);
-            let found = estimate(&matches, &config, 0.07, seed);
+            let found = estimate(&matches, config, 0.07, seed);
             let best = &found[0];
             let right = (1000.0 * inlier_ratio) as usize;
             assert!(best.inliers >= right, "{} of {right} inliers", best.inliers);
@@ -128,12 +134,12 @@ mod tests {
 
     #[test]
     fn ransac_finds_the_motion_among_three_quarters_outliers() {
-        assert_found(EstimatorKind::Ransac, 1000, 0.25);
+        assert_found(&both()[0], 0.25);
     }
 
     #[test]
     fn spatial_compatibility_finds_the_motion_among_95_percent_outliers() {
-        assert_found(EstimatorKind::SpatialCompatibility, 200, 0.05);
+        assert_found(&both()[1], 0.05);
     }
 
     #[test]
@@ -156,8 +162,7 @@ mod tests {
     #[test]
     fn fewer_than_three_matches_give_nothing() {
         let (mut m, _) = scene(2, 1.0, 0);
-        for kind in [EstimatorKind::Ransac, EstimatorKind::SpatialCompatibility] {
-            let config = EstimatorConfig { kind, ..EstimatorConfig::default() };
+        for config in both() {
             assert!(estimate(&m, &config, 0.07, 0).is_empty());
         }
         // Three copies of one match fix no motion either.
@@ -165,8 +170,7 @@ mod tests {
         m.target = vec![m.target[0]; 3];
         m.pairs = vec![(0, 0), (1, 1), (2, 2)];
         m.scores = vec![0.0; 3];
-        for kind in [EstimatorKind::Ransac, EstimatorKind::SpatialCompatibility] {
-            let config = EstimatorConfig { kind, ..EstimatorConfig::default() };
+        for config in both() {
             assert!(estimate(&m, &config, 0.07, 0).is_empty());
         }
     }

@@ -1,9 +1,9 @@
 //! Random sample consensus over triples of matches.
 
-use crate::registration::config::EstimatorConfig;
 use super::Hypothesis;
-use crate::registration::pairwise::correspondences::Correspondences;
 use crate::geometry::fit::fit_triangle;
+use crate::registration::config::RansacConfig;
+use crate::registration::pairwise::correspondences::Correspondences;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -14,7 +14,7 @@ use rand_chacha::ChaCha8Rng;
 /// `config.max_draws` drawn ones. No early stop, as in the paper's setting.
 pub fn propose(
     correspondences: &Correspondences,
-    config: &EstimatorConfig,
+    config: &RansacConfig,
     radius_m: f64,
     seed: u64,
 ) -> Vec<Hypothesis> {

@@ -6,22 +6,17 @@
 //! triples drawn at random hardly ever hit. The graph is kept as bit rows, the
 //! count is a population count, and no randomness is involved.
 
-use crate::registration::config::EstimatorConfig;
 use super::Hypothesis;
-use crate::registration::pairwise::correspondences::Correspondences;
 use crate::geometry::fit::fit_rigid;
+use crate::registration::pairwise::correspondences::Correspondences;
 
 /// Matches that a seed's consensus set holds at most.
 const CONSENSUS: usize = 30;
 
-/// Motions of the consensus sets around the best-connected matches.
-pub fn propose(
-    correspondences: &Correspondences,
-    config: &EstimatorConfig,
-    radius_m: f64,
-) -> Vec<Hypothesis> {
+/// Motions of the consensus sets around so many of the best-connected matches.
+pub fn propose(correspondences: &Correspondences, hypotheses: usize, radius_m: f64) -> Vec<Hypothesis> {
     let graph = CompatibilityGraph::new(correspondences, radius_m as f32);
-    let seeds = seeds(&graph, correspondences, config.hypotheses, radius_m);
+    let seeds = seeds(&graph, correspondences, hypotheses, radius_m);
     seeds
         .into_iter()
         .filter_map(|seed| {
@@ -86,13 +81,13 @@ impl CompatibilityGraph {
     }
 
     /// Of every match the sum over its neighbours of the second-order count: how well connected it is.
-    fn supports(&self) -> Vec<u64> {
+    fn member_evidence(&self) -> Vec<u64> {
         // Bits are counted by an instruction that not every processor has.
         pulp::Arch::new().dispatch(
             #[inline(always)]
             || {
-                let support = |i| self.neighbours(i).map(|j| u64::from(self.shared(i, j))).sum();
-                (0..self.n).map(support).collect()
+                let evidence = |i| self.neighbours(i).map(|j| u64::from(self.shared(i, j))).sum();
+                (0..self.n).map(evidence).collect()
             },
         )
     }
@@ -156,11 +151,11 @@ impl Edges {
 
 /// The best-connected matches, no two of them starting within the radius of each other.
 fn seeds(graph: &CompatibilityGraph, c: &Correspondences, count: usize, radius_m: f64) -> Vec<usize> {
-    let mut ranked: Vec<(u64, usize)> = graph.supports().into_iter().zip(0..).collect();
-    ranked.sort_by_key(|&(support, i)| (std::cmp::Reverse(support), i));
+    let mut ranked: Vec<(u64, usize)> = graph.member_evidence().into_iter().zip(0..).collect();
+    ranked.sort_by_key(|&(evidence, i)| (std::cmp::Reverse(evidence), i));
     let mut chosen: Vec<usize> = Vec::new();
-    for (support, i) in ranked {
-        if chosen.len() == count || support == 0 {
+    for (evidence, i) in ranked {
+        if chosen.len() == count || evidence == 0 {
             break;
         }
         let p = c.source(i);

@@ -3,8 +3,8 @@
 //! Rows with a non-finite coordinate are dropped and counted; coordinates too
 //! large for single precision are moved to a rounded origin first.
 
+use super::PointCloud;
 use crate::geometry::Point;
-use crate::scan::PointCloud;
 use nalgebra::Vector3;
 
 /// Coordinates beyond this are taken as georeferenced: single precision
@@ -18,7 +18,7 @@ const ORIGIN_SAMPLES: usize = 1001;
 /// Builds a cloud of `rows` rows whose coordinates `xyz_m(i)` and colours `rgb(i)` are read on demand.
 ///
 /// `viewpoint_m` is in file coordinates; `None` puts it at the zero of the cloud's frame.
-pub(super) fn assemble(
+pub(crate) fn assemble(
     rows: usize,
     xyz_m: impl Fn(usize) -> [f64; 3],
     rgb: Option<impl Fn(usize) -> [u8; 3]>,
@@ -48,7 +48,7 @@ pub(super) fn assemble(
 }
 
 /// No colours, spelled so that the type of the closure is known.
-pub(super) const NO_COLORS: Option<fn(usize) -> [u8; 3]> = None;
+pub(crate) const NO_COLORS: Option<fn(usize) -> [u8; 3]> = None;
 
 /// Zero, or for each axis whose median over evenly spread rows is large, that median rounded.
 ///
@@ -66,21 +66,6 @@ fn choose_origin(rows: usize, xyz_m: &impl Fn(usize) -> [f64; 3]) -> Vector3<f64
         let m = median(axis);
         if m.abs() > LARGE_COORDINATE_M { (m / ORIGIN_STEP_M).round() * ORIGIN_STEP_M } else { 0.0 }
     })
-}
-
-/// Turns colour channels of unknown range into bytes: values all in `[0, 1]` are fractions,
-/// values up to 255 are bytes, larger ones 16-bit.
-pub(super) fn channels_to_bytes(values: &[[f64; 3]]) -> Vec<[u8; 3]> {
-    let largest = values.iter().flatten().copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
-    let scale = if largest <= 1.0 {
-        255.0
-    } else if largest <= 255.0 {
-        1.0
-    } else {
-        255.0 / 65535.0
-    };
-    // `as u8` saturates and takes NaN to zero.
-    values.iter().map(|c| c.map(|v| (v * scale).round() as u8)).collect()
 }
 
 #[cfg(test)]
@@ -117,12 +102,5 @@ mod tests {
         assert_eq!(cloud.points, kept.map(Point::from));
         assert_eq!(cloud.colors, Some(vec![[0; 3], [1; 3], [3; 3], [5; 3]]));
         assert_eq!(cloud.dropped_rows, 2);
-    }
-
-    #[test]
-    fn colour_ranges() {
-        assert_eq!(channels_to_bytes(&[[0.0, 0.5, 1.0]]), [[0, 128, 255]]);
-        assert_eq!(channels_to_bytes(&[[0.0, 128.0, 255.0]]), [[0, 128, 255]]);
-        assert_eq!(channels_to_bytes(&[[0.0, 32896.0, 65535.0]]), [[0, 128, 255]]);
     }
 }

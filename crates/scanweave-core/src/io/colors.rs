@@ -1,0 +1,28 @@
+//! Colour channels as files have them.
+
+/// Turns colour channels of unknown range into bytes: values all in `[0, 1]` are fractions,
+/// values up to 255 are bytes, larger ones 16-bit.
+pub(super) fn channels_to_bytes(values: &[[f64; 3]]) -> Vec<[u8; 3]> {
+    let largest = values.iter().flatten().copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
+    let scale = if largest <= 1.0 {
+        255.0
+    } else if largest <= 255.0 {
+        1.0
+    } else {
+        255.0 / 65535.0
+    };
+    // `as u8` saturates and takes NaN to zero.
+    values.iter().map(|c| c.map(|v| (v * scale).round() as u8)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colour_ranges() {
+        assert_eq!(channels_to_bytes(&[[0.0, 0.5, 1.0]]), [[0, 128, 255]]);
+        assert_eq!(channels_to_bytes(&[[0.0, 128.0, 255.0]]), [[0, 128, 255]]);
+        assert_eq!(channels_to_bytes(&[[0.0, 32896.0, 65535.0]]), [[0, 128, 255]]);
+    }
+}
