@@ -95,7 +95,7 @@ fn disturbed_poses_return_to_the_exact_ones() {
 #[test]
 fn a_loop_that_drifted_closes_and_a_false_pair_is_outvoted() {
     // Twelve poses on a circle; neighbours see 20 common points, exactly. The start drifts by
-    // 8 cm a step. Across the circle one pair claims points that are 1.5 m apart to be one.
+    // 8 cm a step. Across the circle one pair takes points that are 1.5 m apart for one.
     let truth: Vec<RigidMotion> = (0..12)
         .map(|k| {
             let a = f64::from(k) * std::f64::consts::TAU / 12.0;
