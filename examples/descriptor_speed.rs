@@ -56,7 +56,7 @@ fn main() -> Result<()> {
     let config = SynthConfig { rooms: 1, scans: 1, ..SynthConfig::default() };
     let scan = &synthetic::generate(&config, &Silent)?.scans[0];
     let scale = WorkingScale::from_voxel(0.025);
-    let surface = scanweave::preprocessing::thin(&scan.cloud, &scale);
+    let surface = scanweave::preprocessing::thin(&scan.cloud, &scanweave::geometry::Point::origin(), &scale);
     let count = arguments.keypoints;
     let chosen: Vec<Point> = scanweave::descriptor::choose_keypoints(&surface, count, 0)
         .into_iter()
@@ -65,7 +65,7 @@ fn main() -> Result<()> {
     let network = Network::new(&weights);
     let seconds = fastest(arguments.repeat, || {
         let radius_m = scale.feature_radius_m as f32;
-        let viewpoint = &scan.cloud.viewpoint;
+        let viewpoint = &surface.viewpoint;
         std::hint::black_box(mini_spin_net::descriptors(
             &network,
             &surface.points,

@@ -62,7 +62,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
         None => FeatureSource::Computed,
     };
     let described = pipeline::describe(&scans, &config, &source, &progress)?;
-    for (scan, features) in scans.iter().zip(&described.features) {
+    for (scan, features) in scans.iter().zip(&described.features_of_files(&scans)) {
         io::features::write_npz(place_of(&arguments.output, scan), features)?;
     }
     if !verbosity.quiet {

@@ -7,13 +7,14 @@ use super::result_folder::{CONFIG, OVERLAP, PAGE, POSES, REPORT, merged_files};
 use super::{Status, Verbosity, terminal};
 use clap::Args;
 use rayon::prelude::*;
-use scanweave::geometry::Point;
+use scanweave::geometry::{Point, RigidMotion};
 use scanweave::report::html;
 use scanweave::report::html::PointSource;
-use scanweave::result::poses::Document;
+use scanweave::preprocessing::{file_zero, localize, thin};
+use scanweave::result::poses::{Document, Entry};
 use scanweave::result::run::RunReport;
 use scanweave::result::{merged, overlaps};
-use scanweave::scan::{PointCloud, Reconstruction, Surface};
+use scanweave::scan::{PointCloud, Reconstruction, Scan, ScanId, Surface};
 use scanweave::{Error, Monitor, io};
 use std::io::Write;
 use std::path::PathBuf;
@@ -62,12 +63,19 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;
     let (clouds, sources) = clouds(arguments, &poses, &reconstruction, &progress)?;
-    let surface = |(cloud, source): (&PointCloud, &PointSource)| match source {
-        PointSource::Scan => scanweave::preprocessing::thin(cloud, &report.scale),
+    let scan = |(entry, cloud): (&Entry, &PointCloud)| Scan {
+        id: ScanId(entry.id),
+        name: entry.name.clone(),
+        path: None,
+        cloud: cloud.clone(),
+    };
+    let (local, frames) = localize(&poses.scans.iter().zip(&clouds).map(scan).collect::<Vec<_>>());
+    let surface = |((scan, frame), source): ((&Scan, &RigidMotion), &PointSource)| match source {
+        PointSource::Scan => thin(&scan.cloud, &file_zero(frame), &report.scale),
         // A mean over scans lies closer to each of them than the scans to each other.
         PointSource::Merged => Surface::default(),
     };
-    let surfaces: Vec<Surface> = clouds.iter().zip(&sources).map(surface).collect();
+    let surfaces: Vec<Surface> = local.iter().zip(&frames).zip(&sources).map(surface).collect();
     let page = html::page(&html::Input {
         poses: &poses,
         run: &report,
@@ -76,6 +84,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
         clouds: &clouds.iter().collect::<Vec<_>>(),
         sources: &sources,
         surfaces: &surfaces,
+        frames: &frames,
         truth: truth.as_ref(),
     })?;
     let output = arguments.output.clone().unwrap_or_else(|| folder.join(PAGE));

@@ -84,6 +84,7 @@ impl ResultFolder {
                 clouds: &clouds,
                 sources: &vec![html::PointSource::Scan; scans.len()],
                 surfaces: &run.surfaces,
+                frames: &run.frames,
                 truth: None,
             })?;
             self.write_text(PAGE, &page)
@@ -125,6 +126,7 @@ impl ResultFolder {
                 self.path.join(numbered("merged", component, "ply")),
                 &io::PlyCloud {
                     points: &cloud.points,
+                    origin_m: cloud.origin_m,
                     colors: cloud.colors.as_deref(),
                     scans: Some(&scan),
                     ..io::PlyCloud::default()

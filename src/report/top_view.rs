@@ -95,7 +95,7 @@ mod tests {
         // 4 m along z, 2 m along x, 0.2 m along y: z runs to the right, x upwards.
         let corners = [[0.0, 0.0, 0.0], [2.0, 0.2, 0.0], [0.0, 0.2, 4.0], [2.0, 0.0, 4.0]];
         let points: Vec<Point> = corners.map(Point::from).to_vec();
-        let cloud = MergedCloud { points, colors: None, scan: vec![0, 0, 2, 2] };
+        let cloud = MergedCloud { points, scan: vec![0, 0, 2, 2], ..MergedCloud::default() };
         let text = svg(&cloud, 3);
         // Hue 0 is red: v = 204 and v (1 − s) = 51.
         assert!(text.contains("<path stroke=\"#cc3333\""), "{text}");

@@ -84,18 +84,15 @@ pub fn load(recipe: &DescriptorRecipe, root: &Path, monitor: &dyn Monitor) -> Re
 
 fn pairs_of(posed: PosedScans, recipe: &DescriptorRecipe, monitor: &dyn Monitor) -> Result<PairScene> {
     let PosedScans { name, scans, world_from_scan } = posed;
+    let (scans, frames) = crate::preprocessing::localize(&scans);
+    let world_from_scan = world_from_scan.iter().zip(&frames).map(|(pose, frame)| pose * frame);
     let clouds: Vec<&PointCloud> = scans.iter().map(|s| &s.cloud).collect();
     let scale = crate::preprocessing::choose_scale(&recipe.scale, &clouds)?.scale;
-    let surfaces = pipeline::thin(&scans, &scale, monitor)?;
-    let posed: Vec<PosedSurface> = scans
-        .iter()
-        .zip(surfaces)
+    let surfaces = pipeline::thin(&scans, &frames, &scale, monitor)?;
+    let posed: Vec<PosedSurface> = surfaces
+        .into_iter()
         .zip(world_from_scan)
-        .map(|((scan, surface), world_from_scan)| PosedSurface {
-            surface,
-            viewpoint: scan.cloud.viewpoint,
-            world_from_scan,
-        })
+        .map(|(surface, world_from_scan)| PosedSurface { surface, world_from_scan })
         .collect();
     let lengths = PairLengths {
         radius_m: scale.feature_radius_m as f32,

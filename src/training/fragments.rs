@@ -69,7 +69,8 @@ fn fused_points(
     let mut points = Vec::new();
     for (frame, pose) in frames.iter().zip(world_from_frame) {
         let mut cloud = io::read_cloud(frame)?;
-        cloud.points.retain(|p| (p - cloud.viewpoint).norm() <= entry.max_depth_m as f32);
+        // A depth image is seen from its zero.
+        cloud.points.retain(|p| p.coords.norm() <= entry.max_depth_m as f32);
         let middle_from_frame = PointMover::new(&(world_from_middle.inverse() * pose));
         points.extend(middle_from_frame.points(&cloud.points));
     }

@@ -198,6 +198,9 @@ fn described(
             "leave the scene out",
         ));
     };
+    // Features are in frames of their own.
+    let world_from_scan = world_from_scan.iter().zip(&described.frames).map(|(pose, frame)| pose * frame);
+    let world_from_scan = world_from_scan.collect();
     Ok((TrainingScene { name, features: described.features, world_from_scan }, tag))
 }
 

@@ -1,6 +1,7 @@
 //! From scans to a reconstruction: every stage in order, each timed.
 
 mod features;
+mod frames;
 mod pairs;
 
 pub use features::{FeatureSource, read_features};
@@ -9,8 +10,9 @@ pub use pairs::PairCache;
 use crate::config::Config;
 use crate::descriptor::{Describer, DescriptorKind};
 use crate::error::{Error, Result};
+use crate::geometry::RigidMotion;
 use crate::monitor::Monitor;
-use crate::preprocessing::{ScaleWarning, scale, surface};
+use crate::preprocessing::{ScaleWarning, local_frame, scale, surface};
 use crate::registration::{self, Lengths, ScanInput};
 use crate::result::run::StageTime;
 use crate::retrieval::{self, Checkpoint, DescriptorTag, HeadChoice, HeadOrigin, SimilaritySource, shipped};
@@ -27,6 +29,9 @@ pub struct Run {
     pub scale: WorkingScale,
     /// Scans these lengths may not suit.
     pub warnings: Vec<ScaleWarning>,
+    /// `scan_from_local` of every scan: surfaces and features are in frames of their own, `scan` are
+    /// the coordinates of the file.
+    pub frames: Vec<RigidMotion>,
     /// Thinned scans with normals.
     pub surfaces: Vec<Surface>,
     /// Keypoints and descriptors.
@@ -45,8 +50,8 @@ pub struct Run {
     pub timings: Vec<StageTime>,
 }
 
-/// Registers `scans` (at least two): scale → surfaces → features → similarity → growth, or
-/// pairs and synchronisation. Pairs are cached beside features.
+/// Registers `scans` (at least two): own frames and scale → surfaces → features → similarity → growth,
+/// or pairs and synchronisation; poses are in the coordinates of the files. Pairs are cached beside features.
 ///
 /// # Errors
 /// Unusable scans, settings or features, or the user asked to stop.
@@ -81,10 +86,11 @@ pub fn run_with_pairs(
     let (similarity, head) = predict_overlap(&described, config, monitor, &mut clock)?;
     let registered = register_with_pairs(&described, &similarity, config, pairs, monitor, &mut clock)?;
     let Registered { pose_graph, reconstruction } = registered;
-    let Described { scale, warnings, surfaces, features, reused } = described;
+    let Described { scale, warnings, frames, surfaces, features, reused } = described;
     Ok(Run {
         scale,
         warnings,
+        frames,
         surfaces,
         features,
         reused,
@@ -150,7 +156,7 @@ pub fn register_with_pairs(
     monitor: &dyn Monitor,
     clock: &mut Stopwatch,
 ) -> Result<Registered> {
-    let Described { scale, surfaces, features, .. } = described;
+    let Described { scale, frames: scan_from_local, surfaces, features, .. } = described;
     let lengths = Lengths { inlier_radius_m: scale.inlier_radius_m, voxel_m: scale.voxel_m };
     clock.time("registration", || {
         let scans = features.iter().zip(surfaces);
@@ -159,11 +165,13 @@ pub fn register_with_pairs(
             let settings = &config.registration;
             let reconstruction =
                 registration::register(&inputs, similarity, settings, lengths, config.seed, monitor)?;
+            let reconstruction = frames::reconstruction(reconstruction, scan_from_local);
             return Ok(Registered { pose_graph: None, reconstruction });
         };
         let (graph, reconstruction) =
             pairs::synchronize(&inputs, similarity, method, config, lengths, pairs, monitor)?;
-        Ok(Registered { pose_graph: Some(graph), reconstruction })
+        let reconstruction = frames::reconstruction(reconstruction, scan_from_local);
+        Ok(Registered { pose_graph: Some(frames::pose_graph(graph, scan_from_local)), reconstruction })
     })
 }
 
@@ -174,12 +182,25 @@ pub struct Described {
     pub scale: WorkingScale,
     /// Scans these lengths may not suit.
     pub warnings: Vec<ScaleWarning>,
+    /// `scan_from_local` of every scan: surfaces and features are in frames of their own, `scan` are
+    /// the coordinates of the file.
+    pub frames: Vec<RigidMotion>,
     /// Thinned scans with normals.
     pub surfaces: Vec<Surface>,
     /// Keypoints and descriptors.
     pub features: Vec<Features>,
     /// Whether a scan's features were read instead of computed.
     pub reused: Vec<bool>,
+}
+
+impl Described {
+    /// Features of every scan relative to its cloud's origin, as files hold them.
+    pub fn features_of_files(&self, scans: &[Scan]) -> Vec<Features> {
+        let of = |((features, scan), frame): ((&Features, &Scan), &RigidMotion)| {
+            frames::from_local(features, scan, frame)
+        };
+        self.features.iter().zip(scans).zip(&self.frames).map(of).collect()
+    }
 }
 
 /// The first stages of [`run`]: scale → surfaces → features.
@@ -206,13 +227,23 @@ pub fn describe_timed(
     monitor: &dyn Monitor,
     clock: &mut Stopwatch,
 ) -> Result<Described> {
-    let clouds: Vec<&PointCloud> = scans.iter().map(|s| &s.cloud).collect();
+    let given: Vec<Features>;
+    let (local, frames) = clock.time("scale", || local_frame::localize(scans));
+    let source = match source {
+        FeatureSource::Given(features) if features.len() == scans.len() => {
+            let scans = features.iter().zip(scans).zip(&frames);
+            given = scans.map(|((features, scan), frame)| frames::to_local(features, scan, frame)).collect();
+            &FeatureSource::Given(&given)
+        }
+        other => other,
+    };
+    let clouds: Vec<&PointCloud> = local.iter().map(|s| &s.cloud).collect();
     let choice = clock.time("scale", || scale::choose(&config.scale, &clouds))?;
     let scale = choice.scale;
-    let surfaces = clock.time("surfaces", || thin(scans, &scale, monitor))?;
+    let surfaces = clock.time("surfaces", || thin(&local, &frames, &scale, monitor))?;
     let (features, reused) =
-        clock.time("features", || features::of_scans(scans, &surfaces, &scale, config, source, monitor))?;
-    Ok(Described { scale, warnings: choice.warnings, surfaces, features, reused })
+        clock.time("features", || features::of_scans(&local, &surfaces, &scale, config, source, monitor))?;
+    Ok(Described { scale, warnings: choice.warnings, frames, surfaces, features, reused })
 }
 
 fn check_scans(scans: &[Scan]) -> Result<()> {
@@ -226,18 +257,25 @@ fn check_scans(scans: &[Scan]) -> Result<()> {
     Err(Error::input("inputs", found, "at least two scans to register with each other", "name more scans"))
 }
 
-/// The stage "surfaces": every scan thinned to the working voxel, with normals.
+/// The stage "surfaces": every scan, in its own frame, thinned to the working voxel, with normals;
+/// `scan_from_local` tells where the zeros of the files lie.
 ///
 /// # Errors
 /// When the user asked to stop.
-pub fn thin(scans: &[Scan], scale: &WorkingScale, monitor: &dyn Monitor) -> Result<Vec<Surface>> {
+pub fn thin(
+    scans: &[Scan],
+    scan_from_local: &[RigidMotion],
+    scale: &WorkingScale,
+    monitor: &dyn Monitor,
+) -> Result<Vec<Surface>> {
     const STAGE: &str = "surfaces";
     monitor.begin(STAGE, scans.len());
     let surfaces: Vec<Result<Surface>> = scans
         .par_iter()
-        .map(|scan| {
+        .zip(scan_from_local)
+        .map(|(scan, frame)| {
             monitor.check(STAGE)?;
-            let surface = surface::thin(&scan.cloud, scale);
+            let surface = surface::thin(&scan.cloud, &local_frame::file_zero(frame), scale);
             monitor.advance(1);
             Ok(surface)
         })
@@ -294,11 +332,16 @@ pub struct Stopwatch {
 }
 
 impl Stopwatch {
-    /// Runs `work` and writes down how long it took.
+    /// Runs `work` and writes down how long it took, together with what was written down for the
+    /// stage just before.
     pub fn time<T>(&mut self, stage: &str, work: impl FnOnce() -> T) -> T {
         let start = Instant::now();
         let result = work();
         let seconds = start.elapsed().as_secs_f64();
+        if let Some(last) = self.stages.last_mut().filter(|last| last.stage == stage) {
+            last.seconds += seconds;
+            return result;
+        }
         self.stages.push(StageTime { stage: stage.to_owned(), seconds });
         result
     }

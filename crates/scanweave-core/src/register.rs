@@ -85,6 +85,7 @@ pub fn register_pair(target: &Scan, source: &Scan, config: &Config) -> Result<Re
     let scans = [target.clone(), source.clone()];
     let described = pipeline::describe(&scans, config, &FeatureSource::Computed, &Silent)?;
     let radius_m = described.scale.inlier_radius_m;
+    let [target_from_local, source_from_local] = [0, 1].map(|k: usize| described.frames[k]);
     let scans = described.features.iter().zip(&described.surfaces);
     let scans: Vec<ScanInput<'_>> =
         scans.map(|(features, surface)| ScanInput { features, surface }).collect();
@@ -110,7 +111,7 @@ pub fn register_pair(target: &Scan, source: &Scan, config: &Config) -> Result<Re
     };
     let declined = decline::refusal(&best.evidence, &config.registration.verification);
     Ok(RegisteredPair {
-        target_from_source: Some(best.a_from_b),
+        target_from_source: Some(target_from_local * best.a_from_b * source_from_local.inverse()),
         accepted: declined.is_none(),
         evidence: best.evidence,
         declined,

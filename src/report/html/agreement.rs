@@ -16,9 +16,12 @@ const MOST_NEIGHBOURS: usize = 4;
 /// For every shown point of every placed scan its mean distance to the tangent planes of the
 /// surfaces of other scans within `radius_m`: 0 for none, 254 for `radius_m`, 255 where there
 /// is no such surface. `None` for scans that touch no other, or that have no surface themselves.
+///
+/// `surfaces` are in frames of their own, of which `frames` holds `scan_from_local`;
+/// `local_from_points` takes the shown points there.
 pub(super) fn residuals(
     document: &Document,
-    surfaces: &[Surface],
+    (surfaces, frames, local_from_points): (&[Surface], &[RigidMotion], &[RigidMotion]),
     shown: &[Shown],
     radius_m: f32,
 ) -> Vec<Option<Vec<u8>>> {
@@ -33,14 +36,14 @@ pub(super) fn residuals(
     let motions: Vec<Option<RigidMotion>> = poses.iter().map(|p| p.and_then(motion_of)).collect();
     let trees: Vec<PointIndex> = surfaces.par_iter().map(|s| PointIndex::new(&s.points)).collect();
     let one = |i: usize| {
-        let (pose, world_from_i) = (poses[i]?, motions[i]?);
+        let (pose, world_from_i) = (poses[i]?, motions[i]? * frames[i] * local_from_points[i]);
         let mut near: Vec<_> = pose.neighbours.iter().filter(|n| n.scan.0 != i).collect();
         near.sort_by(|a, b| b.overlap.total_cmp(&a.overlap).then(a.scan.cmp(&b.scan)));
         let others: Vec<(PointMover, usize)> = near
             .iter()
             .take(MOST_NEIGHBOURS)
             .filter_map(|n| {
-                let world_from_j = motions.get(n.scan.0).copied().flatten()?;
+                let world_from_j = motions.get(n.scan.0).copied().flatten()? * frames[n.scan.0];
                 Some((PointMover::new(&(world_from_j.inverse() * world_from_i)), n.scan.0))
             })
             .filter(|&(_, j)| !surfaces[j].is_empty())
@@ -102,11 +105,12 @@ mod tests {
         let document = document([first, second, lone].map(Outcome::Placed).to_vec());
         let shown = vec![Shown { points, colors: None }; 3];
         let floors = vec![floor; 3];
-        let found = residuals(&document, &floors, &shown, 0.1);
+        let own = [RigidMotion::identity(); 3];
+        let found = residuals(&document, (&floors, &own, &own), &shown, 0.1);
         assert_eq!(found[2], None);
         // A scan without a surface of its own is compared with nothing, nor is anything with it.
         let first_gone = [Surface::default(), floors[1].clone(), floors[2].clone()];
-        assert_eq!(residuals(&document, &first_gone, &shown, 0.1), [None, None, None]);
+        assert_eq!(residuals(&document, (&first_gone, &own, &own), &shown, 0.1), [None, None, None]);
         let first = found[0].as_ref().unwrap();
         // 2 cm of 10 cm: 254 · 0.2 = 51. Left of x = 0.4 nothing of the second is within 10 cm.
         for (p, &value) in shown[0].points.iter().zip(first) {

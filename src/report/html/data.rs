@@ -3,12 +3,14 @@
 use super::points::{MOST_POINTS, Packed, PointSource, choose};
 use super::{Input, agreement, wording};
 use crate::evaluation::pose_error::PoseError;
-use crate::result::poses::{Component, Entry, EntryOutcome};
+use crate::geometry::RigidMotion;
+use crate::result::poses::{Component, Entry, EntryOutcome, Pose};
 use crate::result::run::{ScanSize, StageTime};
 use crate::scan::WorkingScale;
 use crate::scan::{Evidence, NeighbourEvidence, PoseUncertainty, SimilarityMatrix};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use nalgebra::Matrix4;
 use serde::Serialize;
 
 /// Everything a page shows.
@@ -43,7 +45,7 @@ struct ScanData<'a> {
     size: Option<&'a ScanSize>,
     /// Error against the truth, in a frame fitted to its component; null where it is not known.
     error: Option<PoseError>,
-    /// Where the sensor stood, metres in the scan's frame.
+    /// Where the sensor stood, or can have stood, metres in the frame of the points.
     viewpoint: [f32; 3],
     points_from: PointSource,
     points: Packed,
@@ -101,16 +103,20 @@ impl<'a> Data<'a> {
         let run = input.run;
         let voxel_m = 0.5 * run.scale.voxel_m as f32;
         let shown = choose(input.clouds, voxel_m, MOST_POINTS, run.seed);
+        let points = input.frames.iter().zip(input.clouds);
+        let local_from_points: Vec<RigidMotion> =
+            points.map(|(frame, cloud)| frame.inverse() * cloud.file_from_points()).collect();
+        let surfaces = (input.surfaces, input.frames, local_from_points.as_slice());
         let residuals =
-            agreement::residuals(input.poses, input.surfaces, &shown, run.scale.inlier_radius_m as f32);
+            agreement::residuals(input.poses, surfaces, &shown, run.scale.inlier_radius_m as f32);
         let scans = input.poses.scans.iter().enumerate().map(|(i, entry)| ScanData {
             name: &entry.name,
             file: entry.file.as_deref(),
-            placed: placed(entry),
+            placed: placed(entry, input),
             left_out: left_out(entry),
             size: run.sizes.get(i),
             error: input.truth.and_then(|t| t.scans.iter().find(|e| e.scan.0 == i)).map(|e| e.error),
-            viewpoint: input.clouds[i].viewpoint.coords.into(),
+            viewpoint: viewpoint(input, i),
             points_from: input.sources[i],
             points: Packed::new(&shown[i], residuals[i].as_deref()),
         });
@@ -140,13 +146,34 @@ impl<'a> Data<'a> {
     }
 }
 
-fn placed(entry: &Entry) -> Option<PlacedData<'_>> {
+/// The viewpoint of a scan's surface, relative to the origin of its cloud.
+fn viewpoint(input: &Input<'_>, scan: usize) -> [f32; 3] {
+    let points_from_local = input.clouds[scan].file_from_points().inverse() * input.frames[scan];
+    (points_from_local * input.surfaces[scan].viewpoint.cast::<f64>()).coords.cast::<f32>().into()
+}
+
+/// Points are relative to the origins of their clouds, and the frame of a component is shown relative to
+/// that of its pivot: single precision, as graphics has it, resolves no map coordinates.
+fn pose_of_points(pose: &Pose, entry: &Entry, input: &Input<'_>) -> [[f64; 4]; 4] {
+    let pivot = input.poses.components.get(pose.component).and_then(|c| c.pivot);
+    let zero = pivot.map_or_else(RigidMotion::identity, |p| input.clouds[p].file_from_points());
+    if zero == RigidMotion::identity() && input.clouds[entry.id].origin_m == nalgebra::Vector3::zeros() {
+        return pose.world_from_scan;
+    }
+    let world_from_scan = Matrix4::from_fn(|r, c| pose.world_from_scan[r][c]);
+    let shown = zero.inverse().to_homogeneous()
+        * world_from_scan
+        * input.clouds[entry.id].file_from_points().to_homogeneous();
+    std::array::from_fn(|r| std::array::from_fn(|c| shown[(r, c)]))
+}
+
+fn placed<'a>(entry: &'a Entry, input: &Input<'_>) -> Option<PlacedData<'a>> {
     let EntryOutcome::Placed(pose) = &entry.outcome else { return None };
     Some(PlacedData {
         component: pose.component,
         step: pose.step,
         parent: pose.parent,
-        world_from_scan: pose.world_from_scan,
+        world_from_scan: pose_of_points(pose, entry, input),
         matches: pose.matches,
         inliers: pose.inliers,
         residual_m: pose.residual_m,

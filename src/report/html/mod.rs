@@ -13,6 +13,7 @@ pub use points::{MOST_POINTS, PointSource};
 pub use wording::headline;
 
 use super::markup::{escaped, filled};
+use crate::geometry::RigidMotion;
 use crate::evaluation::pose_error::PoseReport;
 use crate::result::poses::Document;
 use crate::result::run::RunReport;
@@ -36,9 +37,11 @@ pub struct Input<'a> {
     pub clouds: &'a [&'a PointCloud],
     /// Where those points come from.
     pub sources: &'a [PointSource],
-    /// The same scans, thinned, with normals; empty for a scan that is not to be compared with
-    /// others.
+    /// The same scans, thinned, with normals, in frames of their own; empty for a scan that is not to
+    /// be compared with others.
     pub surfaces: &'a [Surface],
+    /// `scan_from_local` of every scan: from the frame of its surface to its file's coordinates.
+    pub frames: &'a [RigidMotion],
     /// Errors of the placed scans, where the truth is known.
     pub truth: Option<&'a PoseReport>,
 }
@@ -50,12 +53,12 @@ pub struct Input<'a> {
 pub fn page(input: &Input<'_>) -> Result<String> {
     let n = input.poses.scans.len();
     let similar = input.similarity.map_or(n, SimilarityMatrix::len);
-    let points = [input.clouds.len(), input.sources.len(), input.surfaces.len()];
-    let lengths = [points[0], points[1], points[2], input.run.evidence.len(), similar];
+    let points = [input.clouds.len(), input.sources.len(), input.surfaces.len(), input.frames.len()];
+    let lengths = [points[0], points[1], points[2], points[3], input.run.evidence.len(), similar];
     if lengths.iter().any(|&length| length != n) {
         return Err(Error::input(
             "report.html",
-            format!("{n} poses for {lengths:?} clouds, sources, surfaces, rows of evidence and similarities"),
+            format!("{n} poses for {lengths:?} clouds, sources, surfaces, frames, rows of evidence and similarities"),
             "one of each a scan",
             "make the report from the files of one run",
         ));

@@ -80,6 +80,7 @@ fn hostile_names_stay_inside_the_json_and_come_back_unchanged() {
         clouds: &[&cloud; 4],
         sources: &[PointSource::Scan; 4],
         surfaces: &vec![Surface::default(); 4],
+        frames: &[RigidMotion::identity(); 4],
         truth: None,
     };
     let page = page(&input).unwrap();
@@ -113,6 +114,7 @@ fn lists_of_different_lengths_are_refused() {
         clouds: &[],
         sources: &[],
         surfaces: &[],
+        frames: &[],
         truth: None,
     };
     assert!(page(&input).unwrap_err().to_string().contains("1 poses"));

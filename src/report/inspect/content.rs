@@ -27,8 +27,8 @@ pub struct ScanContent {
     pub box_m: Option<[[f32; 3]; 2]>,
     /// File coordinates of the zero point; other than zero for georeferenced clouds.
     pub origin_m: [f64; 3],
-    /// Where the sensor stood, relative to `origin_m`; zero where the file does not say.
-    pub viewpoint_m: [f32; 3],
+    /// Where the sensor stood, relative to `origin_m`; null where the file does not say.
+    pub viewpoint_m: Option<[f32; 3]>,
     /// Median distance of a point to the nearest other; null with fewer than two points.
     pub spacing_m: Option<f64>,
 }
@@ -40,7 +40,7 @@ pub(super) fn scan(cloud: &PointCloud) -> ScanContent {
         colors: cloud.colors.is_some(),
         box_m: bounds(&cloud.points),
         origin_m: cloud.origin_m.into(),
-        viewpoint_m: cloud.viewpoint.coords.into(),
+        viewpoint_m: cloud.viewpoint.map(|v| v.coords.into()),
         spacing_m: spacing(&cloud.points),
     }
 }

@@ -50,8 +50,8 @@ fn scan_columns(rows: &[(&Finding, &ScanContent)]) -> Vec<(&'static str, Vec<Str
         ("from", column(rows, |r| r.1.box_m.map(|b| triple(b[0])).unwrap_or_default())),
         ("spacing", column(rows, |r| r.1.spacing_m.map(length).unwrap_or_default())),
     ];
-    if rows.iter().any(|r| r.1.viewpoint_m != [0.0; 3]) {
-        columns.push(("sensor at", column(rows, |r| triple(r.1.viewpoint_m))));
+    if rows.iter().any(|r| r.1.viewpoint_m.is_some()) {
+        columns.push(("sensor at", column(rows, |r| r.1.viewpoint_m.map(triple).unwrap_or_default())));
     }
     if rows.iter().any(|r| r.1.origin_m != [0.0; 3]) {
         columns.push(("zero at", column(rows, |r| triple(r.1.origin_m))));

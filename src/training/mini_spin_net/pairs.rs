@@ -16,8 +16,6 @@ use rayon::prelude::*;
 pub struct PosedSurface {
     /// Its surface.
     pub surface: Surface,
-    /// Where its sensor stood, in its frame.
-    pub viewpoint: Point,
     /// Its true pose.
     pub world_from_scan: RigidMotion,
 }
@@ -64,7 +62,7 @@ pub fn extract(scans: &[PosedSurface], lengths: PairLengths, config: &TrainConfi
     let sources: Vec<PatchSource<'_>> = scans
         .iter()
         .zip(&ordered)
-        .map(|(s, points)| PatchSource::new(points, s.viewpoint, lengths.radius_m))
+        .map(|(s, points)| PatchSource::new(points, s.surface.viewpoint, lengths.radius_m))
         .collect();
     let grids: Vec<RadiusGrid<'_>> =
         scans.iter().map(|s| RadiusGrid::new(&s.surface.points, lengths.match_m)).collect();

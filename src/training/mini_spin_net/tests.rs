@@ -45,7 +45,6 @@ fn scene(seed: u64) -> Vec<PosedSurface> {
         let normals = crate::preprocessing::normals(&points, &viewpoint, 0.1);
         PosedSurface {
             surface: Surface { points, normals, viewpoint, ..Surface::default() },
-            viewpoint,
             world_from_scan,
         }
     };

@@ -195,7 +195,7 @@ impl Describer {
                     PatchPoints::Surface => &surface.points,
                     PatchPoints::Cloud => &scan.cloud.points,
                 };
-                let (network, viewpoint) = (network.network(), &scan.cloud.viewpoint);
+                let (network, viewpoint) = (network.network(), &surface.viewpoint);
                 let values =
                     mini_spin_net::descriptors(network, points, viewpoint, &keypoints, radius_m, seed);
                 match self.config.kind {

@@ -65,7 +65,7 @@ impl DepthImage {
                 [(u - cx) * z / fx, (v - cy) * z / fy, z]
             }
         };
-        Ok(assemble(self.values.len(), at, NO_COLORS, None))
+        Ok(assemble(self.values.len(), at, NO_COLORS, Some([0.0; 3])))
     }
 
     /// The image in metres with its camera; `depth_scale` is in units a metre.

@@ -96,7 +96,7 @@ mod tests {
         assert_eq!(one.len(), 2);
         assert!(one.points.iter().zip(expected).all(|(p, e)| (p - e).norm() < 1e-5), "{:?}", one.points);
         assert_eq!(one.colors, Some(vec![[255, 128, 0]; 2]));
-        assert!((one.viewpoint - Point::new(10.0, 20.0, 30.0)).norm() < 1e-5);
+        assert!((one.viewpoint.unwrap() - Point::new(10.0, 20.0, 30.0)).norm() < 1e-5);
 
         write(&path, &[[10.0, 20.0, 30.0], [0.0, 0.0, 0.0]], &points);
         let two = read_cloud(&path).unwrap();
@@ -104,7 +104,7 @@ mod tests {
         assert!((two.points[2] - Point::new(-2.0, 1.0, 3.0)).norm() < 1e-5);
         assert_eq!(two.colors.unwrap()[3], [255, 128, 1]);
         // Two stood at different places.
-        assert_eq!(two.viewpoint, Point::origin());
+        assert_eq!(two.viewpoint, None);
     }
 
     #[test]

@@ -3,14 +3,17 @@
 use crate::atomic;
 use crate::error::{Error, Result};
 use crate::geometry::{Direction, Point};
+use nalgebra::Vector3;
 use std::io::Write;
 use std::path::Path;
 
 /// A cloud to be written: points, and what goes with each.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct PlyCloud<'a> {
-    /// `[n,3]`, metres.
+    /// `[n,3]`, metres, relative to `origin_m`.
     pub points: &'a [Point],
+    /// Coordinates of the zero of `points` in the file.
+    pub origin_m: Vector3<f64>,
     /// `[n,3]` unit normals.
     pub normals: Option<&'a [Direction]>,
     /// `[n]` sRGB colours.
@@ -19,8 +22,8 @@ pub struct PlyCloud<'a> {
     pub scans: Option<&'a [i32]>,
 }
 
-/// Writes binary little-endian PLY: `float x y z`, then, where given, `float nx ny nz`,
-/// `uchar red green blue` and `int scan`.
+/// Writes binary little-endian PLY: `float x y z`, or `double x y z` where the origin is not zero, then,
+/// where given, `float nx ny nz`, `uchar red green blue` and `int scan`.
 ///
 /// # Errors
 /// [`Error::Input`] when lengths differ, [`Error::Write`].
@@ -39,7 +42,9 @@ pub fn write_ply(path: impl AsRef<Path>, cloud: &PlyCloud<'_>) -> Result<()> {
     }
     atomic::write(path.as_ref(), |w| {
         write!(w, "ply\nformat binary_little_endian 1.0\ncomment lengths in metres\nelement vertex {n}\n")?;
-        write!(w, "property float x\nproperty float y\nproperty float z\n")?;
+        let far = cloud.origin_m != Vector3::zeros();
+        let number = if far { "double" } else { "float" };
+        write!(w, "property {number} x\nproperty {number} y\nproperty {number} z\n")?;
         if cloud.normals.is_some() {
             write!(w, "property float nx\nproperty float ny\nproperty float nz\n")?;
         }
@@ -52,7 +57,13 @@ pub fn write_ply(path: impl AsRef<Path>, cloud: &PlyCloud<'_>) -> Result<()> {
         writeln!(w, "end_header")?;
         for (i, p) in cloud.points.iter().enumerate() {
             let normal = cloud.normals.map(|n| n[i]);
-            for c in p.coords.iter().chain(normal.iter().flatten()) {
+            if far {
+                for c in (p.coords.cast::<f64>() + cloud.origin_m).iter() {
+                    w.write_all(&c.to_le_bytes())?;
+                }
+            }
+            let near = p.coords.iter().filter(|_| !far);
+            for c in near.chain(normal.iter().flatten()) {
                 w.write_all(&c.to_le_bytes())?;
             }
             if let Some(colors) = cloud.colors {

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Raised when cached features of an older version must not be used any more.
-const CACHE_VERSION: u32 = 1;
+const CACHE_VERSION: u32 = 2;
 const STAGE: &str = "features";
 
 /// Where features may come from.
@@ -141,7 +141,8 @@ fn entry(folder: &Path, scan: &Scan, scale: &WorkingScale, describer: &Describer
 fn hash_cloud(hasher: &mut blake3::Hasher, cloud: &PointCloud) {
     let mut block = Vec::with_capacity(12 * 4096);
     hasher.update(&(cloud.points.len() as u64).to_le_bytes());
-    for points in [cloud.viewpoint].chunks(1).chain(cloud.points.chunks(4096)) {
+    hasher.update(&[u8::from(cloud.viewpoint.is_some())]);
+    for points in cloud.viewpoint.as_slice().chunks(1).chain(cloud.points.chunks(4096)) {
         block.clear();
         block.extend(points.iter().flat_map(|p| p.coords.iter().flat_map(|v| v.to_le_bytes())));
         hasher.update(&block);

@@ -1,12 +1,17 @@
-//! From a scan to its surface: working scale, thinning, normals.
+//! From a scan to its surface: own frame, working scale, thinning, normals, viewpoint.
 //!
 //! ```text
+//! Scan ─ local_frame::localize ─▶ Scan in its own frame, scan_from_local
 //! PointCloud ─ scale::choose ─▶ WorkingScale
-//! PointCloud ─ surface::thin ─▶ Surface
+//! PointCloud ─ surface::thin ─▶ Surface, seen from viewpoint::seen_from
 //! ```
 
+pub(crate) mod local_frame;
 pub(crate) mod scale;
 pub(crate) mod surface;
+pub(crate) mod viewpoint;
 
+pub use local_frame::{file_zero, localize};
 pub use scale::{ScaleChoice, ScaleConfig, ScaleWarning, choose as choose_scale};
 pub use surface::{normals, thin};
+pub use viewpoint::{SeenFrom, seen_from};

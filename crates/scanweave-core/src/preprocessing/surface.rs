@@ -4,19 +4,27 @@ use crate::geometry::neighbours::RadiusGrid;
 use crate::geometry::spread::Spread;
 use crate::geometry::voxel::{VoxelGroups, voxel_means};
 use crate::geometry::{Direction, Point};
+use crate::preprocessing::viewpoint::{SeenFrom, seen_from};
 use crate::scan::{PointCloud, Surface, WorkingScale};
 use rayon::prelude::*;
 
 /// Thins a cloud to one mean point a voxel and estimates its normals, turned to the
-/// cloud's viewpoint. Points are ordered by voxel, whatever the order of the cloud.
-pub fn thin(cloud: &PointCloud, scale: &WorkingScale) -> Surface {
+/// cloud's viewpoint or, where that is not known or cannot be, to where it can have been seen from.
+/// `file_zero`, the zero of the file's coordinates in those of the cloud, is tried where the file
+/// states nothing: many sensors have it in themselves. Points are ordered by voxel, whatever the order
+/// of the cloud.
+pub fn thin(cloud: &PointCloud, file_zero: &Point, scale: &WorkingScale) -> Surface {
     let points = voxel_means(&cloud.points, scale.voxel_m as f32);
-    let normals = normals(&points, &cloud.viewpoint, scale.normal_radius_m as f32);
+    let mut normals = normals(&points, &Point::origin(), scale.normal_radius_m as f32);
+    let SeenFrom { viewpoint, hidden_share } = seen_from(&points, &normals, &[cloud.viewpoint.unwrap_or(*file_zero)]);
+    for (normal, p) in normals.iter_mut().zip(&points) {
+        *normal = facing(*normal, p, &viewpoint);
+    }
     let intensities = match &cloud.colors {
         Some(colors) => intensities(&VoxelGroups::new(&cloud.points, scale.voxel_m as f32), colors),
         None => Vec::new(),
     };
-    Surface { points, normals, viewpoint: cloud.viewpoint, intensities }
+    Surface { points, normals, viewpoint, hidden_share, intensities }
 }
 
 /// Mean brightness of every group of points in `[0, 1]`: luma of the colours as they are stored
@@ -40,9 +48,14 @@ pub fn normals(points: &[Point], viewpoint: &Point, radius_m: f32) -> Vec<Direct
         .par_iter()
         .map(|p| {
             let normal = plane_normal(&grid, p, points).unwrap_or_default();
-            if (viewpoint - p).dot(&normal) < 0.0 { -normal } else { normal }
+            facing(normal, p, viewpoint)
         })
         .collect()
+}
+
+/// The normal at `p`, turned to the viewpoint.
+fn facing(normal: Direction, p: &Point, viewpoint: &Point) -> Direction {
+    if (viewpoint - p).dot(&normal) < 0.0 { -normal } else { normal }
 }
 
 /// Direction of least variance about the mean of the neighbourhood of `p`.
@@ -132,10 +145,10 @@ mod tests {
     fn thinning_gives_the_same_surface_for_any_order_of_points() {
         let mut cloud = PointCloud::from_points(sphere(5000));
         let scale = WorkingScale::from_voxel(0.05);
-        let surface = thin(&cloud, &scale);
+        let surface = thin(&cloud, &Point::origin(), &scale);
         assert!(surface.len() > 1000 && surface.normals.len() == surface.len());
         cloud.points.reverse();
-        let reversed = thin(&cloud, &scale);
+        let reversed = thin(&cloud, &Point::origin(), &scale);
         // Means are summed in another order: equal up to the last bit of f32.
         for (a, b) in surface.points.iter().zip(&reversed.points) {
             assert!((a - b).norm() < 1e-6);

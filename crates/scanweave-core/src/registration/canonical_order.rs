@@ -2,24 +2,28 @@
 //!
 //! Strategies break ties by the lower scan, orient pairs from the lower to the higher and keep the
 //! frame of the lower. A `ScanId` is a label, and what follows from it must not depend on how a
-//! user sorts files: inside a registration scans are numbered by the digest of their content.
+//! user sorts files. Nor may it depend on the coordinates of a file: inside a registration scans are
+//! numbered by their size, which a rigid motion does not change, and only of exactly equal size by
+//! the digest of their content.
 
 use super::input::{ContentDigest, ScanInput};
 use crate::error::Result;
 use crate::scan::{
     DeclineReason, Outcome, PoseEdge, PoseGraph, Reconstruction, ScanEdge, ScanId, SimilarityMatrix,
 };
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 /// The scan of the input at every place of the canonical order.
 pub(crate) struct CanonicalOrder(Vec<usize>);
 
 impl CanonicalOrder {
-    /// Scans by digest; of equal content in the order of the input.
+    /// Scans by size, the smallest first; of equal content in the order of the input.
     pub(crate) fn new(scans: &[ScanInput<'_>]) -> Self {
-        let digests: Vec<ContentDigest> = scans.par_iter().map(ContentDigest::of).collect();
+        let keys: Vec<(f64, ContentDigest)> =
+            scans.par_iter().map(|scan| (size(scan), ContentDigest::of(scan))).collect();
         let mut order: Vec<usize> = (0..scans.len()).collect();
-        order.sort_by_key(|&i| digests[i]);
+        order.sort_by(|&i, &j| keys[i].0.total_cmp(&keys[j].0).then(keys[i].1.cmp(&keys[j].1)));
         Self(order)
     }
 
@@ -74,4 +78,12 @@ impl CanonicalOrder {
         outcomes.sort_by_key(|(scan, _)| *scan);
         Reconstruction { outcomes: outcomes.into_iter().map(|(_, outcome)| outcome).collect() }
     }
+}
+
+/// Root mean square distance of a scan's surface, or else its keypoints, from their mean, metres.
+fn size(scan: &ScanInput<'_>) -> f64 {
+    let points = if scan.surface.is_empty() { &scan.features.keypoints } else { &scan.surface.points };
+    let n = points.len().max(1) as f64;
+    let mean = points.iter().map(|p| p.coords.cast::<f64>()).sum::<Vector3<f64>>() / n;
+    (points.iter().map(|p| (p.coords.cast::<f64>() - mean).norm_squared()).sum::<f64>() / n).sqrt()
 }

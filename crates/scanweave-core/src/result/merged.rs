@@ -1,11 +1,13 @@
 //! All placed scans of a component as one thinned cloud.
 
 use crate::error::{Error, Result};
-use crate::geometry::Point;
+use crate::geometry::{Point, RigidMotion};
 use crate::geometry::rigid::PointMover;
 use crate::geometry::voxel::{VoxelGroups, voxel_of};
 use crate::io::read_merged;
-use crate::scan::{PointCloud, Reconstruction, Scan};
+use crate::scan::assemble::assemble;
+use crate::scan::{Placement, PointCloud, Reconstruction, Scan};
+use nalgebra::Vector3;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -17,8 +19,11 @@ const SLAB: usize = 4_000_000;
 /// A merged cloud.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct MergedCloud {
-    /// `[n,3]`, metres, in the frame of the component.
+    /// `[n,3]`, metres, relative to `origin_m`.
     pub points: Vec<Point>,
+    /// Where the zero of the points lies in the frame of the component, metres: not at zero where
+    /// that frame is georeferenced.
+    pub origin_m: Vector3<f64>,
     /// `[n]` sRGB, where any of the scans has colour.
     pub colors: Option<Vec<[u8; 3]>>,
     /// `[n]` index of the scan that gave a point most of its measurements.
@@ -41,14 +46,21 @@ impl MergedCloud {
         voxel_m: f32,
         most: usize,
     ) -> Self {
-        let placed: Vec<(&Scan, PointMover)> = scans
+        let members: Vec<(&Scan, &Placement)> = scans
             .iter()
             .zip(&reconstruction.outcomes)
             .filter_map(|(scan, outcome)| {
-                let placement = outcome.placement().filter(|p| p.component == component)?;
-                Some((scan, PointMover::new(&placement.world_from_scan)))
+                Some((scan, outcome.placement().filter(|p| p.component == component)?))
             })
             .collect();
+        // The frame of the component is that of its pivot's file, and as far away.
+        let pivot = members.iter().min_by_key(|(_, placement)| placement.step);
+        let origin_m = pivot.map_or_else(Vector3::zeros, |(scan, _)| scan.cloud.origin_m);
+        let near = RigidMotion::translation(-origin_m.x, -origin_m.y, -origin_m.z);
+        let mover = |(scan, placement): (&'_ Scan, &Placement)| {
+            PointMover::new(&(near * placement.world_from_scan * scan.cloud.file_from_points()))
+        };
+        let placed: Vec<(&Scan, PointMover)> = members.iter().map(|&(s, p)| (s, mover((s, p)))).collect();
         let colored = scans.iter().any(|s| s.cloud.colors.is_some());
         let empty = || Self { colors: colored.then(Vec::new), ..Self::default() };
         // Layers of voxels along x come one after the other in the order of voxels.
@@ -64,7 +76,7 @@ impl MergedCloud {
             layers
         };
         let layers_of: Vec<(i32, i32)> = placed.iter().map(of_scan).collect();
-        let mut thin = empty();
+        let mut thin = Self { origin_m, ..empty() };
         for (low, high) in slabs(&points_in, most) {
             let mut slab = empty();
             let reaching = placed.iter().zip(&layers_of).filter(|(_, l)| l.0 <= high && low <= l.1);
@@ -132,7 +144,8 @@ pub fn points_of_scans(
     files: &[impl AsRef<Path>],
     reconstruction: &Reconstruction,
 ) -> Result<Vec<PointCloud>> {
-    let mut clouds = vec![PointCloud::default(); reconstruction.outcomes.len()];
+    let scans = reconstruction.outcomes.len();
+    let (mut rows, mut colors) = (vec![Vec::<[f64; 3]>::new(); scans], vec![Vec::<[u8; 3]>::new(); scans]);
     for (component, file) in files.iter().enumerate() {
         let path = file.as_ref();
         if !path.exists() {
@@ -152,13 +165,17 @@ pub fn points_of_scans(
         for (i, (point, &scan)) in merged.points.iter().zip(&scans).enumerate() {
             let scan_from_world = scan_from_world(scan)?;
             let world = point.cast::<f64>() + merged.origin_m;
-            clouds[scan].points.push((scan_from_world * world).cast());
-            if let Some(colors) = &merged.colors {
-                clouds[scan].colors.get_or_insert_default().push(colors[i]);
+            rows[scan].push((scan_from_world * world).coords.into());
+            if let Some(of_points) = &merged.colors {
+                colors[scan].push(of_points[i]);
             }
         }
     }
-    Ok(clouds)
+    let cloud = |(rows, colors): (Vec<[f64; 3]>, Vec<[u8; 3]>)| {
+        let color = (colors.len() == rows.len() && !rows.is_empty()).then_some(|i: usize| colors[i]);
+        assemble(rows.len(), |i| rows[i], color, None)
+    };
+    Ok(rows.into_iter().zip(colors).map(cloud).collect())
 }
 
 /// Mean of a triple over a group, summed in double precision.
@@ -188,8 +205,7 @@ fn most_frequent(values: impl Iterator<Item = u32>) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::RigidMotion;
-    use crate::scan::{DeclineReason, Outcome, Placement, PointCloud, ScanId};
+    use crate::scan::{DeclineReason, Outcome, ScanId};
 
     /// A placement without evidence.
     fn bare() -> Placement {
@@ -261,7 +277,7 @@ mod tests {
         let files = ["merged.ply", "merged_1.ply"].map(|n| folder.path().join(n));
         let write = |scans: &[i32], colors: Option<&[[u8; 3]]>| {
             let points = vec![Point::new(-4.0, 7.0, 9.0); scans.len()];
-            let cloud = crate::io::PlyCloud { points: &points, scans: Some(scans), colors, normals: None };
+            let cloud = crate::io::PlyCloud { points: &points, scans: Some(scans), colors, ..Default::default() };
             crate::io::write_ply(&files[0], &cloud).unwrap();
         };
         write(&[2, 0, 2], Some(&[[1; 3], [2; 3], [3; 3]]));

@@ -14,7 +14,7 @@ use std::path::Path;
 /// Value of the `format` field.
 pub const FORMAT: &str = "scanweave-poses";
 /// Version of the layout; raised whenever a reader of the old one would go wrong.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 /// The whole document.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -49,9 +49,6 @@ pub struct Entry {
     pub name: String,
     /// The file, as it was named on the command line.
     pub file: Option<String>,
-    /// File coordinates of the point that the pose takes as the scan's zero, metres:
-    /// `p_world = R (p_file − origin) + t`. All zero unless the file is georeferenced.
-    pub origin_m: [f64; 3],
     /// Placed or declined.
     #[serde(flatten)]
     pub outcome: EntryOutcome,
@@ -79,7 +76,8 @@ pub struct Pose {
     pub component: usize,
     /// Growth step at which the scan joined; 0 for the pivot.
     pub step: usize,
-    /// 4×4, row by row.
+    /// 4×4, row by row: takes coordinates of the file to those of the component, which are the
+    /// coordinates of its pivot's file.
     pub world_from_scan: [[f64; 4]; 4],
     /// The rotation again, as a unit quaternion x, y, z, w with w ≥ 0.
     pub quaternion_xyzw: [f64; 4],
@@ -109,7 +107,6 @@ impl Document {
             id: scan.id.0,
             name: scan.name.clone(),
             file: scan.path.as_ref().map(|p| p.display().to_string()),
-            origin_m: scan.cloud.origin_m.into(),
             outcome: EntryOutcome::of(outcome),
         });
         Self {
@@ -245,8 +242,7 @@ mod tests {
     use nalgebra::Vector3;
 
     fn scan(id: usize) -> Scan {
-        let cloud = PointCloud { origin_m: Vector3::new(5e5, 0.0, 1.0), ..PointCloud::default() };
-        Scan { id: ScanId(id), name: format!("s{id}"), path: None, cloud }
+        Scan { id: ScanId(id), name: format!("s{id}"), path: None, cloud: PointCloud::default() }
     }
 
     fn placed(component: usize, parent: Option<usize>) -> Outcome {
@@ -274,13 +270,12 @@ mod tests {
         let text = Document::new(&scans, &Reconstruction { outcomes }).to_json();
         let json: serde_json::Value = serde_json::from_str(&text).unwrap();
         assert_eq!(json["format"], "scanweave-poses");
-        assert_eq!(json["version"], 2);
+        assert_eq!(json["version"], 3);
         assert_eq!(json["components"][0]["pivot"], 1);
         assert_eq!(json["components"][0]["scans"], serde_json::json!([0, 1]));
         let first = &json["scans"][0];
         assert_eq!(first["outcome"], "placed");
         assert_eq!(first["inlier_ratio"], 0.25);
-        assert_eq!(first["origin_m"][0], 5e5);
         assert_eq!(first["parent"], 1);
         // Rows of R = [[0,-1,0],[1,0,0],[0,0,1]] with t = (1,2,3) as the last column.
         assert!((first["world_from_scan"][0][1].as_f64().unwrap() + 1.0).abs() < 1e-12);

@@ -7,17 +7,15 @@ use super::PointCloud;
 use crate::geometry::Point;
 use nalgebra::Vector3;
 
-/// Coordinates beyond this are taken as georeferenced: single precision
-/// resolves 1 mm at 10 km and gets worse from there.
-const LARGE_COORDINATE_M: f64 = 1e4;
-/// The origin is a multiple of this, so that it reads well in a report.
-const ORIGIN_STEP_M: f64 = 100.0;
+/// Coordinates of so many spreads of the points lose detail in single precision: 24 bits resolve a
+/// millionth of the spread at ten of them, and less from there.
+const LARGE_IN_SPREADS: f64 = 10.0;
 /// Rows looked at to choose the origin.
 const ORIGIN_SAMPLES: usize = 1001;
 
 /// Builds a cloud of `rows` rows whose coordinates `xyz_m(i)` and colours `rgb(i)` are read on demand.
 ///
-/// `viewpoint_m` is in file coordinates; `None` puts it at the zero of the cloud's frame.
+/// `viewpoint_m` is in file coordinates.
 pub(crate) fn assemble(
     rows: usize,
     xyz_m: impl Fn(usize) -> [f64; 3],
@@ -38,34 +36,32 @@ pub(crate) fn assemble(
             }
         }
     }
-    let viewpoint = match viewpoint_m {
-        Some(v) if v.iter().all(|c| c.is_finite()) => {
-            Point::from((Vector3::from(v) - origin_m).cast::<f32>())
-        }
-        _ => Point::origin(),
-    };
+    let viewpoint = viewpoint_m
+        .filter(|v| v.iter().all(|c| c.is_finite()))
+        .map(|v| Point::from((Vector3::from(v) - origin_m).cast::<f32>()));
     PointCloud { dropped_rows: rows - points.len(), points, colors, origin_m, viewpoint }
 }
 
 /// No colours, spelled so that the type of the closure is known.
 pub(crate) const NO_COLORS: Option<fn(usize) -> [u8; 3]> = None;
 
-/// Zero, or for each axis whose median over evenly spread rows is large, that median rounded.
+/// Zero, or for each axis whose median over evenly spread rows is large beside the spread of the rows,
+/// that median rounded to a power of ten, so that it reads well in a report.
 ///
 /// The median, not the first row or the mean: one wild row must not move the cloud.
 fn choose_origin(rows: usize, xyz_m: &impl Fn(usize) -> [f64; 3]) -> Vector3<f64> {
     let step = rows.div_ceil(ORIGIN_SAMPLES).max(1);
     let sample: Vec<[f64; 3]> =
         (0..rows).step_by(step).map(xyz_m).filter(|p| p.iter().all(|c| c.is_finite())).collect();
-    let median = |axis: usize| {
-        let mut values: Vec<f64> = sample.iter().map(|p| p[axis]).collect();
+    let median = |mut values: Vec<f64>| {
         let middle = values.len() / 2;
         if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
     };
-    Vector3::from_fn(|axis, _| {
-        let m = median(axis);
-        if m.abs() > LARGE_COORDINATE_M { (m / ORIGIN_STEP_M).round() * ORIGIN_STEP_M } else { 0.0 }
-    })
+    let middle = [0, 1, 2].map(|axis| median(sample.iter().map(|p| p[axis]).collect()));
+    let away = |p: &[f64; 3]| (Vector3::from(*p) - Vector3::from(middle)).amax();
+    let spread = median(sample.iter().map(away).collect());
+    let step = 10f64.powf((LARGE_IN_SPREADS * spread).log10().ceil());
+    middle.map(|m| if m.abs() > step && step > 0.0 { (m / step).round() * step } else { 0.0 }).into()
 }
 
 #[cfg(test)]
@@ -77,13 +73,13 @@ mod tests {
         // UTM-like; f32 alone resolves 0.5 m at 5.8e6.
         let rows = [[431_250.123, 5_812_345.678, 101.5], [431_251.124, 5_812_346.679, 102.0]];
         let cloud = assemble(2, |i| rows[i], NO_COLORS, Some([431_250.0, 5_812_345.0, 100.0]));
-        assert_eq!(cloud.origin_m, Vector3::new(431_300.0, 5_812_300.0, 0.0));
+        assert_eq!(cloud.origin_m, Vector3::new(431_250.0, 5_812_350.0, 100.0));
         for (p, row) in cloud.points.iter().zip(rows) {
             let back = p.coords.cast::<f64>() + cloud.origin_m;
             // f32 spacing below 128 m is 7.6e-6 m.
             assert!((back - Vector3::from(row)).amax() < 1e-5, "{back:?}");
         }
-        assert!((cloud.viewpoint - Point::new(-50.0, 45.0, 100.0)).norm() < 1e-4);
+        assert!((cloud.viewpoint.unwrap() - Point::new(0.0, -5.0, 0.0)).norm() < 1e-4);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::assemble::{NO_COLORS, assemble};
 use crate::error::{Error, Result};
-use crate::geometry::Point;
+use crate::geometry::{Point, RigidMotion};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -27,19 +27,24 @@ pub struct PointCloud {
     pub points: Vec<Point>,
     /// One sRGB colour a point, where the file has colours.
     pub colors: Option<Vec<[u8; 3]>>,
-    /// File coordinates of the cloud's zero point: zero unless the file uses
-    /// coordinates too large for single precision (georeferenced scans).
+    /// File coordinates of the cloud's zero point: zero unless the points lie so far from the
+    /// file's zero that single precision would lose detail (georeferenced scans).
     pub origin_m: Vector3<f64>,
-    /// Where the sensor stood, in the same coordinates as `points`.
-    pub viewpoint: Point,
+    /// Where the sensor stood, in the same coordinates as `points`, where the file says so.
+    pub viewpoint: Option<Point>,
     /// Rows of the file that were left out because a coordinate was not finite.
     pub dropped_rows: usize,
 }
 
 impl PointCloud {
-    /// A cloud of bare points seen from the origin of its frame.
+    /// A cloud of bare points, seen from nobody knows where.
     pub fn from_points(points: Vec<Point>) -> Self {
-        Self { points, viewpoint: Point::origin(), ..Self::default() }
+        Self { points, ..Self::default() }
+    }
+
+    /// Takes coordinates of `points` to those of the file.
+    pub fn file_from_points(&self) -> RigidMotion {
+        RigidMotion::translation(self.origin_m.x, self.origin_m.y, self.origin_m.z)
     }
 
     /// Number of points.
@@ -67,10 +72,12 @@ pub struct Scan {
 }
 
 impl Scan {
-    /// A scan of bare points in a program's own coordinates, metres, seen from their zero.
+    /// A scan of bare points in a program's own coordinates, metres.
     ///
-    /// Points that are not finite are left out and counted. Coordinates beyond 10 km are kept
-    /// relative to a rounded [`PointCloud::origin_m`], so that they lose nothing.
+    /// Points that are not finite are left out and counted. Coordinates far from zero are kept
+    /// relative to a rounded [`PointCloud::origin_m`], so that they lose nothing. Where the sensor
+    /// stood is found out as far as the points tell, unless [`with_viewpoint`](Self::with_viewpoint)
+    /// says it.
     pub fn from_points(name: impl Into<String>, points: &[[f64; 3]]) -> Self {
         let cloud = assemble(points.len(), |i| points[i], NO_COLORS, None);
         Self { id: ScanId(0), name: name.into(), path: None, cloud }
@@ -101,7 +108,7 @@ impl Scan {
     /// The same scan seen from where the sensor stood, in the coordinates of the points, metres.
     pub fn with_viewpoint(mut self, viewpoint_m: [f64; 3]) -> Self {
         let relative = Vector3::from(viewpoint_m) - self.cloud.origin_m;
-        self.cloud.viewpoint = Point::from(relative.cast::<f32>());
+        self.cloud.viewpoint = Some(Point::from(relative.cast::<f32>()));
         self
     }
 }
@@ -124,7 +131,7 @@ mod tests {
         assert_eq!(scan.cloud.colors, Some(vec![[1, 2, 3], [7, 8, 9]]));
         let back = |p: &Point| p.coords.cast::<f64>() + scan.cloud.origin_m;
         assert!((back(&scan.cloud.points[0]) - Vector3::from(points[0])).amax() < 1e-5);
-        assert!((back(&scan.cloud.viewpoint) - Vector3::new(431_240.0, 5_812_340.0, 103.0)).amax() < 1e-5);
+        assert!((back(&scan.cloud.viewpoint.unwrap()) - Vector3::new(431_240.0, 5_812_340.0, 103.0)).amax() < 1e-5);
         let error = Scan::from_colored_points("a", &points, &colors[..2]).unwrap_err().to_string();
         assert!(error.contains("colours of scan a: found 2, expected one for each of 3 points"), "{error}");
     }

@@ -86,7 +86,8 @@ impl PoseUncertainty {
 /// A scan with a pose, and what speaks for it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placement {
-    /// Pose in the frame of its component.
+    /// Pose in the frame of its component: takes coordinates of the scan's file to those of the
+    /// pivot's file.
     pub world_from_scan: RigidMotion,
     /// Component it belongs to; poses of different components are unrelated.
     pub component: usize,

@@ -9,8 +9,10 @@ pub struct Surface {
     pub points: Vec<Point>,
     /// `[n,3]` unit normals; the zero vector where the neighbourhood fixes none.
     pub normals: Vec<Direction>,
-    /// Where the sensor stood, in the scan's frame.
+    /// Where the sensor stood, or can have stood, in the scan's frame.
     pub viewpoint: Point,
+    /// Share of the surface that is hidden from there, in `[0, 1]`.
+    pub hidden_share: f32,
     /// `[n]` brightness of each point in `[0, 1]`; empty where the scan has no colour.
     pub intensities: Vec<f32>,
 }
