@@ -56,7 +56,7 @@ fn main() -> Result<()> {
     let config = SynthConfig { rooms: 1, scans: 1, ..SynthConfig::default() };
     let scan = &synthetic::generate(&config, &Silent)?.scans[0];
     let scale = WorkingScale::from_voxel(0.025);
-    let surface = scanweave::preprocessing::thin(&scan.cloud, &scanweave::geometry::Point::origin(), &scale);
+    let surface = scanweave::preprocessing::thin(&scan.cloud, &scale);
     let count = arguments.keypoints;
     let chosen: Vec<Point> = scanweave::descriptor::choose_keypoints(&surface, count, 0)
         .into_iter()

@@ -204,7 +204,7 @@ fn features_of(
         }
         Source::Fpfh(scale) => {
             let scan = Scan { id, name: String::new(), path: None, cloud: io::read_cloud(cloud)? };
-            let surface = scanweave::preprocessing::thin(&scan.cloud, &scanweave::geometry::Point::origin(), scale);
+            let surface = scanweave::preprocessing::thin(&scan.cloud, scale);
             let keypoints = KeypointConfig { count };
             let config = DescriptorConfig { kind: DescriptorKind::Fpfh, keypoints, ..Default::default() };
             Ok(descriptor::describe(&scan, &surface, scale, &config, seed)?)

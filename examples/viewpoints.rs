@@ -5,12 +5,12 @@
 
 use scanweave::config::Config;
 use scanweave::geometry::{PointMover, RigidMotion};
-use scanweave::preprocessing::{choose_scale, file_zero, localize, normals, seen_from, thin};
+use scanweave::preprocessing::{ViewpointStudy, choose_scale, file_zero, localize, normals};
 use scanweave::registration::{Posed, ScanModel, surface_fit};
 use scanweave::scan::{PointCloud, Surface};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    println!("scene, viewpoints, pairs, normals agree (mean), pairs below .8, violation (median), above .125, hidden (median)");
+    println!("scene, viewpoints, pairs, normals agree (mean), pairs below .8, violation (median), above .125, confidence (median)");
     for folder in std::env::args().skip(1) {
         let scene = scanweave::io::dataset::read_scene(&folder)?;
         let truth = scene.world_from_scan.ok_or(format!("{folder}: no true poses"))?.value;
@@ -20,23 +20,18 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let clouds: Vec<&PointCloud> = local.iter().map(|s| &s.cloud).collect();
         let scale = choose_scale(&config.scale, &clouds)?.scale;
         for (name, zero) in [("file zero", Some(true)), ("presumed or found", None), ("found", Some(false))] {
-            let surfaces: Vec<Surface> = (0..local.len())
-                .map(|k| {
-                    let at_zero = file_zero(&frames[k]);
-                    let mut surface = thin(&local[k].cloud, &at_zero, &scale);
-                    let normals = |v| normals(&surface.points, v, scale.normal_radius_m as f32);
-                    match zero {
-                        None => {}
-                        Some(true) => (surface.normals, surface.viewpoint) = (normals(&at_zero), at_zero),
-                        Some(false) => {
-                            let found = seen_from(&surface.points, &surface.normals, &[]);
-                            surface.normals = normals(&found.viewpoint);
-                            (surface.viewpoint, surface.hidden_share) = (found.viewpoint, found.hidden_share);
-                        }
-                    }
-                    surface
-                })
-                .collect();
+            let mut surfaces = scanweave::pipeline::thin(&local, &frames, &scale, &scanweave::Silent)?;
+            for (surface, frame) in surfaces.iter_mut().zip(&frames) {
+                let at_zero = file_zero(frame);
+                let study = || ViewpointStudy::new(&surface.points, &surface.normals, None, at_zero).found();
+                let (viewpoint, confidence) = match zero {
+                    None => continue,
+                    Some(true) => (at_zero, 1.0),
+                    Some(false) => (study().viewpoint, study().confidence),
+                };
+                surface.normals = normals(&surface.points, &viewpoint, scale.normal_radius_m as f32);
+                (surface.viewpoint, surface.viewpoint_confidence) = (viewpoint, confidence);
+            }
             report(&scene.name, name, &surfaces, &truth, &frames, scale.inlier_radius_m as f32, &config);
         }
     }
@@ -94,11 +89,11 @@ fn report(
         100.0 * fits.iter().filter(|f| f.0 < 0.8).count() as f64 / n,
         median(fits.iter().map(|f| f.1).collect()),
         100.0 * fits.iter().filter(|f| f.1 > 0.125).count() as f64 / n,
-        median(surfaces.iter().map(|s| f64::from(s.hidden_share)).collect()),
+        median(surfaces.iter().map(|s| f64::from(s.viewpoint_confidence)).collect()),
     );
     if std::env::var("WORST").is_ok() {
         for (s, (sum, count)) in of_scan.iter().enumerate().filter(|(_, x)| x.1 > 0 && x.0 / (x.1 as f64) < 0.7) {
-            println!("  scan {s}: {:.2} over {count} pairs, hidden {:.3}", sum / *count as f64, surfaces[s].hidden_share);
+            println!("  scan {s}: {:.2} over {count} pairs, confidence {:.3}", sum / *count as f64, surfaces[s].viewpoint_confidence);
         }
     }
 }

@@ -79,7 +79,7 @@ fn a_real_fragment_is_described_in_full_and_in_time() {
     let scan = Scan { id: ScanId(0), name: "cloud_bin_0".into(), path: Some(path), cloud };
     let scale = scanweave::scan::WorkingScale::from_voxel(0.025);
     let start = Instant::now();
-    let surface = scanweave::preprocessing::thin(&scan.cloud, &scanweave::geometry::Point::origin(), &scale);
+    let surface = scanweave::preprocessing::thin(&scan.cloud, &scale);
     let thinned = start.elapsed();
     let features = descriptor::describe(&scan, &surface, &scale, &DescriptorConfig::default(), 0).unwrap();
     eprintln!(

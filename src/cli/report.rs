@@ -7,10 +7,10 @@ use super::result_folder::{CONFIG, OVERLAP, PAGE, POSES, REPORT, merged_files};
 use super::{Status, Verbosity, terminal};
 use clap::Args;
 use rayon::prelude::*;
-use scanweave::geometry::{Point, RigidMotion};
+use scanweave::geometry::Point;
 use scanweave::report::html;
 use scanweave::report::html::PointSource;
-use scanweave::preprocessing::{file_zero, localize, thin};
+use scanweave::preprocessing::localize;
 use scanweave::result::poses::{Document, Entry};
 use scanweave::result::run::RunReport;
 use scanweave::result::{merged, overlaps};
@@ -70,12 +70,11 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
         cloud: cloud.clone(),
     };
     let (local, frames) = localize(&poses.scans.iter().zip(&clouds).map(scan).collect::<Vec<_>>());
-    let surface = |((scan, frame), source): ((&Scan, &RigidMotion), &PointSource)| match source {
-        PointSource::Scan => thin(&scan.cloud, &file_zero(frame), &report.scale),
+    let mut surfaces = scanweave::pipeline::thin(&local, &frames, &report.scale, &progress)?;
+    for (surface, _) in surfaces.iter_mut().zip(&sources).filter(|s| *s.1 == PointSource::Merged) {
         // A mean over scans lies closer to each of them than the scans to each other.
-        PointSource::Merged => Surface::default(),
-    };
-    let surfaces: Vec<Surface> = local.iter().zip(&frames).zip(&sources).map(surface).collect();
+        *surface = Surface::default();
+    }
     let page = html::page(&html::Input {
         poses: &poses,
         run: &report,

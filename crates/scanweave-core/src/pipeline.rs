@@ -12,7 +12,7 @@ use crate::descriptor::{Describer, DescriptorKind};
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::monitor::Monitor;
-use crate::preprocessing::{ScaleWarning, local_frame, scale, surface};
+use crate::preprocessing::{ScaleWarning, Thinned, ViewpointStudy, local_frame, scale};
 use crate::registration::{self, Lengths, ScanInput};
 use crate::result::run::StageTime;
 use crate::retrieval::{self, Checkpoint, DescriptorTag, HeadChoice, HeadOrigin, SimilaritySource, shipped};
@@ -270,18 +270,21 @@ pub fn thin(
 ) -> Result<Vec<Surface>> {
     const STAGE: &str = "surfaces";
     monitor.begin(STAGE, scans.len());
-    let surfaces: Vec<Result<Surface>> = scans
+    let thinned: Vec<Result<Thinned>> = scans
         .par_iter()
         .zip(scan_from_local)
         .map(|(scan, frame)| {
             monitor.check(STAGE)?;
-            let surface = surface::thin(&scan.cloud, &local_frame::file_zero(frame), scale);
+            let surface = Thinned::new(&scan.cloud, &local_frame::file_zero(frame), scale);
             monitor.advance(1);
             Ok(surface)
         })
         .collect();
     monitor.end();
-    surfaces.into_iter().collect()
+    let thinned = thinned.into_iter().collect::<Result<Vec<_>>>()?;
+    let studies: Vec<ViewpointStudy> = thinned.iter().map(|t| t.study).collect();
+    let places = ViewpointStudy::decide(&studies);
+    Ok(thinned.into_par_iter().zip(places).map(|(thinned, place)| thinned.seen_from(&place)).collect())
 }
 
 /// What the descriptors of `features` mean; `None` when there is none.

@@ -3,7 +3,7 @@
 //! ```text
 //! Scan ─ local_frame::localize ─▶ Scan in its own frame, scan_from_local
 //! PointCloud ─ scale::choose ─▶ WorkingScale
-//! PointCloud ─ surface::thin ─▶ Surface, seen from viewpoint::seen_from
+//! PointCloud ─ surface::Thinned, viewpoint::ViewpointStudy ─▶ Surface
 //! ```
 
 pub(crate) mod local_frame;
@@ -13,5 +13,5 @@ pub(crate) mod viewpoint;
 
 pub use local_frame::{file_zero, localize};
 pub use scale::{ScaleChoice, ScaleConfig, ScaleWarning, choose as choose_scale};
-pub use surface::{normals, thin};
-pub use viewpoint::{SeenFrom, seen_from};
+pub use surface::{Thinned, normals, thin};
+pub use viewpoint::{SeenFrom, ViewpointStudy};

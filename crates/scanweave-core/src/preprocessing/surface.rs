@@ -4,27 +4,48 @@ use crate::geometry::neighbours::RadiusGrid;
 use crate::geometry::spread::Spread;
 use crate::geometry::voxel::{VoxelGroups, voxel_means};
 use crate::geometry::{Direction, Point};
-use crate::preprocessing::viewpoint::{SeenFrom, seen_from};
+use crate::preprocessing::viewpoint::{SeenFrom, ViewpointStudy};
 use crate::scan::{PointCloud, Surface, WorkingScale};
 use rayon::prelude::*;
 
-/// Thins a cloud to one mean point a voxel and estimates its normals, turned to the
-/// cloud's viewpoint or, where that is not known or cannot be, to where it can have been seen from.
-/// `file_zero`, the zero of the file's coordinates in those of the cloud, is tried where the file
-/// states nothing: many sensors have it in themselves. Points are ordered by voxel, whatever the order
-/// of the cloud.
-pub fn thin(cloud: &PointCloud, file_zero: &Point, scale: &WorkingScale) -> Surface {
-    let points = voxel_means(&cloud.points, scale.voxel_m as f32);
-    let mut normals = normals(&points, &Point::origin(), scale.normal_radius_m as f32);
-    let SeenFrom { viewpoint, hidden_share } = seen_from(&points, &normals, &[cloud.viewpoint.unwrap_or(*file_zero)]);
-    for (normal, p) in normals.iter_mut().zip(&points) {
-        *normal = facing(*normal, p, &viewpoint);
+/// Thins a cloud alone to one mean point a voxel, as [`Thinned`] does: seen from its viewpoint where
+/// that is known, or else from the zero of its coordinates where that can be.
+pub fn thin(cloud: &PointCloud, scale: &WorkingScale) -> Surface {
+    let thinned = Thinned::new(cloud, &Point::origin(), scale);
+    let seen_from = ViewpointStudy::decide(&[thinned.study])[0];
+    thinned.seen_from(&seen_from)
+}
+
+/// A thinned cloud before it is decided where it was seen from.
+pub struct Thinned {
+    surface: Surface,
+    /// What its shape says of that.
+    pub study: ViewpointStudy,
+}
+
+impl Thinned {
+    /// One mean point a voxel with its normal; points are ordered by voxel, whatever the order of the
+    /// cloud. `file_zero` is the zero of the file's coordinates in those of the cloud.
+    pub fn new(cloud: &PointCloud, file_zero: &Point, scale: &WorkingScale) -> Self {
+        let points = voxel_means(&cloud.points, scale.voxel_m as f32);
+        let normals = normals(&points, &Point::origin(), scale.normal_radius_m as f32);
+        let study = ViewpointStudy::new(&points, &normals, cloud.viewpoint, *file_zero);
+        let intensities = match &cloud.colors {
+            Some(colors) => intensities(&VoxelGroups::new(&cloud.points, scale.voxel_m as f32), colors),
+            None => Vec::new(),
+        };
+        Self { surface: Surface { points, normals, intensities, ..Surface::default() }, study }
     }
-    let intensities = match &cloud.colors {
-        Some(colors) => intensities(&VoxelGroups::new(&cloud.points, scale.voxel_m as f32), colors),
-        None => Vec::new(),
-    };
-    Surface { points, normals, viewpoint, hidden_share, intensities }
+
+    /// The surface with its normals turned to where it was seen from.
+    pub fn seen_from(self, seen_from: &SeenFrom) -> Surface {
+        let Surface { points, mut normals, intensities, .. } = self.surface;
+        let SeenFrom { viewpoint, confidence, .. } = *seen_from;
+        for (normal, p) in normals.iter_mut().zip(&points) {
+            *normal = facing(*normal, p, &viewpoint);
+        }
+        Surface { points, normals, viewpoint, viewpoint_confidence: confidence, intensities }
+    }
 }
 
 /// Mean brightness of every group of points in `[0, 1]`: luma of the colours as they are stored
@@ -145,10 +166,10 @@ mod tests {
     fn thinning_gives_the_same_surface_for_any_order_of_points() {
         let mut cloud = PointCloud::from_points(sphere(5000));
         let scale = WorkingScale::from_voxel(0.05);
-        let surface = thin(&cloud, &Point::origin(), &scale);
+        let surface = thin(&cloud, &scale);
         assert!(surface.len() > 1000 && surface.normals.len() == surface.len());
         cloud.points.reverse();
-        let reversed = thin(&cloud, &Point::origin(), &scale);
+        let reversed = thin(&cloud, &scale);
         // Means are summed in another order: equal up to the last bit of f32.
         for (a, b) in surface.points.iter().zip(&reversed.points) {
             assert!((a - b).norm() < 1e-6);

@@ -46,21 +46,75 @@ pub struct SeenFrom {
     pub viewpoint: Point,
     /// Share of the surface that is hidden from there, in `[0, 1]`.
     pub hidden_share: f32,
+    /// How far the shape tells it from a place on the other side of the surface, in `[0, 1]`; 1 for a
+    /// presumed place that goes with the shape.
+    pub confidence: f32,
 }
 
-/// Where a surface was seen from: the first of the `presumed` places that does not hide much more than
-/// the best place does, or else that.
-///
-/// `normals` may point to either side. Depends on the shape and on what is presumed: a motion of both
-/// moves the answer.
-pub fn seen_from(points: &[Point], normals: &[Direction], presumed: &[Point]) -> SeenFrom {
-    let Some(elements) = Elements::new(points, normals) else {
-        return SeenFrom { viewpoint: presumed.first().copied().unwrap_or_default(), hidden_share: 0.0 };
-    };
-    let mut scratch = Vec::new();
-    let best = elements.best(&mut scratch);
-    let mut presumed = presumed.iter().map(|place| elements.judged(*place, &mut scratch));
-    presumed.find(|place| place.0 <= best.0 + PLAUSIBLE).unwrap_or(best).1
+/// What the shape of one scan says of where it was seen from.
+#[derive(Debug, Clone, Copy)]
+pub struct ViewpointStudy {
+    /// The place that the file states, and how much speaks against it.
+    stated: Option<(f32, SeenFrom)>,
+    /// The same for the zero of the file's coordinates.
+    zero: (f32, SeenFrom),
+    /// The same for the best place that was found.
+    found: (f32, SeenFrom),
+}
+
+impl ViewpointStudy {
+    /// Looks at a place that the file may state, at the file's zero, and for the best place.
+    ///
+    /// `normals` may point to either side. Depends on the shape and on what is presumed: a motion of
+    /// both moves the answer.
+    pub fn new(points: &[Point], normals: &[Direction], stated: Option<Point>, file_zero: Point) -> Self {
+        let Some(elements) = Elements::new(points, normals) else {
+            let nowhere = |viewpoint| (0.0, SeenFrom { viewpoint, hidden_share: 0.0, confidence: 0.0 });
+            return Self { stated: stated.map(nowhere), zero: nowhere(file_zero), found: nowhere(file_zero) };
+        };
+        let mut scratch = Vec::new();
+        let [mut found, opposite] = elements.best_of_either_side(&mut scratch);
+        // By what is hidden alone: where most of the scan lies is a guess, which objects belie.
+        let hides_more = opposite.1.hidden_share - found.1.hidden_share;
+        found.1.confidence = (hides_more / PLAUSIBLE).clamp(0.0, 1.0);
+        let mut presumed = |place: Point| {
+            let (against, seen_from) = elements.judged(place, &mut scratch);
+            (against, SeenFrom { confidence: 1.0, ..seen_from })
+        };
+        Self { stated: stated.map(&mut presumed), zero: presumed(file_zero), found }
+    }
+
+    /// The stated place where it goes with the shape.
+    fn stated(&self) -> Option<SeenFrom> {
+        self.stated.filter(|s| s.0 <= self.found.0 + PLAUSIBLE).map(|s| s.1)
+    }
+
+    /// Whether the file's zero goes with the shape; `None` where the file states another place that does.
+    fn is_zero_plausible(&self) -> Option<bool> {
+        self.stated().is_none().then_some(self.zero.0 <= self.found.0 + PLAUSIBLE)
+    }
+
+    /// Where each of the scans of one collection was seen from: where its file states it and that goes
+    /// with its shape, or else the file's zero, or what was found.
+    ///
+    /// Whether files have the sensor at their zero is a habit of who wrote them: where the zero goes with
+    /// the shape of most scans it is taken for all that it does not go with very badly, and for none
+    /// where it goes with few.
+    pub fn decide(studies: &[Self]) -> Vec<SeenFrom> {
+        let plausible: Vec<bool> = studies.iter().filter_map(Self::is_zero_plausible).collect();
+        let most = 2 * plausible.iter().filter(|p| **p).count() > plausible.len();
+        let margin = if most { 2.0 * PLAUSIBLE } else { f32::NEG_INFINITY };
+        let of = |study: &Self| {
+            let zero = (study.zero.0 <= study.found.0 + margin).then_some(study.zero.1);
+            study.stated().or(zero).unwrap_or(study.found.1)
+        };
+        studies.iter().map(of).collect()
+    }
+
+    /// The best place that was found.
+    pub fn found(&self) -> SeenFrom {
+        self.found.1
+    }
 }
 
 /// Small pieces of a surface.
@@ -136,23 +190,38 @@ impl Elements {
         let distance = (viewpoint - self.centre).norm() / self.size_m;
         let against =
             hidden_share + PER_DISTANCE * distance + PER_OUTSIDE * self.outside_share(&viewpoint);
-        (against, SeenFrom { viewpoint, hidden_share })
+        (against, SeenFrom { viewpoint, hidden_share, confidence: 0.0 })
     }
 
-    /// The place that least speaks against: around the surface and inside it, the best ones improved.
-    fn best(&self, scratch: &mut Vec<Seen>) -> (f32, SeenFrom) {
+    /// The place that least speaks against, and of those that see most elements from the other side the
+    /// one that least does: around the surface and inside it, the best ones improved.
+    fn best_of_either_side(&self, scratch: &mut Vec<Seen>) -> [(f32, SeenFrom); 2] {
         let directions = directions();
-        let mut judged = |viewpoint: Point| self.judged(viewpoint, scratch);
         let around = DISTANCES.iter().flat_map(|d| directions.iter().map(move |u| u * *d));
         let places = std::iter::once(Vector3::zeros()).chain(around);
         let mut candidates: Vec<(f32, SeenFrom)> =
-            places.map(|away| judged(self.centre + away * self.size_m)).collect();
+            places.map(|away| self.judged(self.centre + away * self.size_m, scratch)).collect();
         candidates.sort_by(|x, y| x.0.total_cmp(&y.0));
-        candidates.truncate(STARTS);
-        let improved = candidates.into_iter().map(|mut best| {
-            let mut step = STEPS.0;
+        let best = self.best_near(candidates.iter().take(STARTS), &directions, |_| true, scratch);
+        let opposite = |place: &Point| self.on_other_side(&best.1.viewpoint, place);
+        let others = candidates.iter().filter(|c| opposite(&c.1.viewpoint)).take(STARTS / 2);
+        [best, self.best_near(others, &directions, opposite, scratch)]
+    }
+
+    /// The best of the allowed places that small steps from these lead to.
+    fn best_near<'c>(
+        &self,
+        starts: impl Iterator<Item = &'c (f32, SeenFrom)>,
+        directions: &[Vector3<f32>],
+        allowed: impl Fn(&Point) -> bool,
+        scratch: &mut Vec<Seen>,
+    ) -> (f32, SeenFrom) {
+        let improved = starts.map(|start| {
+            let (mut best, mut step) = (*start, STEPS.0);
             while step > STEPS.1 {
-                let around = directions.iter().map(|u| judged(best.1.viewpoint + u * (step * self.size_m)));
+                let around = directions.iter().map(|u| best.1.viewpoint + u * (step * self.size_m));
+                let around =
+                    around.filter(|place| allowed(place)).map(|place| self.judged(place, scratch));
                 match around.min_by(|x, y| x.0.total_cmp(&y.0)) {
                     Some(better) if better.0 < best.0 => best = better,
                     _ => step /= 2.0,
@@ -160,8 +229,15 @@ impl Elements {
             }
             best
         });
-        let best = improved.min_by(|x, y| x.0.total_cmp(&y.0));
-        best.unwrap_or((1.0, SeenFrom { viewpoint: self.centre, hidden_share: 1.0 }))
+        let nowhere = SeenFrom { viewpoint: self.centre, hidden_share: 1.0, confidence: 0.0 };
+        improved.min_by(|x, y| x.0.total_cmp(&y.0)).unwrap_or((f32::INFINITY, nowhere))
+    }
+
+    /// Whether most elements turn different sides to two places.
+    fn on_other_side(&self, one: &Point, other: &Point) -> bool {
+        let turned = |(p, n): (&Point, &Direction)| n.dot(&(one - p)) * n.dot(&(other - p)) < 0.0;
+        let turned = self.points.iter().zip(&self.normals).filter(|e| turned(*e)).count();
+        2 * turned > self.points.len()
     }
 
     /// Share of the elements that are hidden from a place by others.
@@ -271,6 +347,10 @@ mod tests {
         seen
     }
 
+    fn found(points: &[Point], normals: &[Direction]) -> SeenFrom {
+        ViewpointStudy::new(points, normals, None, Point::new(1e3, 0.0, 0.0)).found()
+    }
+
     #[test]
     fn a_room_is_seen_from_where_it_hides_nothing() {
         let eye = Point::new(3.2, 3.0, 1.6);
@@ -278,7 +358,7 @@ mod tests {
         let elements = Elements::new(&points, &normals).unwrap();
         let true_share = elements.hidden_share(&eye, &mut Vec::new());
         assert!(true_share < 0.02, "{true_share}");
-        let found = seen_from(&points, &normals, &[]);
+        let found = found(&points, &normals);
         assert!(found.hidden_share < 0.02, "{found:?}");
         // All but a few normals turn to the same side from there as from where the camera stood.
         let side = |v: &Point, i: usize| normals[i].dot(&(v - points[i])) > 0.0;
@@ -290,29 +370,48 @@ mod tests {
     fn a_stated_place_is_kept_where_it_can_be_and_dropped_where_it_cannot() {
         let eye = Point::new(3.2, 3.0, 1.6);
         let (points, normals) = room(eye);
-        assert_eq!(seen_from(&points, &normals, &[eye]).viewpoint, eye);
         let outside = Point::new(-4.0, 9.0, -3.0);
-        let found = seen_from(&points, &normals, &[outside]);
-        assert_eq!(found, seen_from(&points, &normals, &[]));
+        let decided = |stated: Option<Point>, zero: Point| {
+            ViewpointStudy::decide(&[ViewpointStudy::new(&points, &normals, stated, zero)])[0]
+        };
+        assert_eq!(decided(Some(eye), outside).viewpoint, eye);
+        assert_eq!(decided(Some(outside), outside), found(&points, &normals));
+        assert_eq!(decided(None, eye).viewpoint, eye);
+    }
+
+    #[test]
+    fn whether_the_zero_is_the_sensor_is_decided_for_a_collection() {
+        let eye = Point::new(3.2, 3.0, 1.6);
+        let (points, normals) = room(eye);
+        let outside = Point::new(-4.0, 9.0, -3.0);
+        let study = |zero: Point| ViewpointStudy::new(&points, &normals, None, zero);
+        let (good, bad) = (study(eye), study(outside));
+        let places = |studies: &[ViewpointStudy]| -> Vec<Point> {
+            ViewpointStudy::decide(studies).iter().map(|s| s.viewpoint).collect()
+        };
+        assert_eq!(places(&[good, good, bad]), [eye, eye, good.found().viewpoint]);
+        assert_eq!(places(&[good, bad, bad]), [good.found().viewpoint; 3]);
     }
 
     #[test]
     fn the_place_moves_with_the_surface() {
         let (points, normals) = room(Point::new(1.8, 2.5, 1.4));
-        let found = seen_from(&points, &normals, &[]);
+        let here = found(&points, &normals);
         let shift = RigidMotion::translation(0.5, -0.25, 2.0);
         let mover = PointMover::new(&shift);
-        let there = seen_from(&mover.points(&points), &normals, &[]);
+        let there = found(&mover.points(&points), &normals);
         // Another grid of elements: the same place to a fraction of the room, and as little hidden.
-        assert!((there.viewpoint - mover.point(&found.viewpoint)).norm() < 1.0, "{there:?} {found:?}");
-        assert!((there.hidden_share - found.hidden_share).abs() < 0.01);
+        assert!((there.viewpoint - mover.point(&here.viewpoint)).norm() < 1.0, "{there:?} {here:?}");
+        assert!((there.hidden_share - here.hidden_share).abs() < 0.01);
     }
 
     #[test]
     fn points_at_one_place_are_seen_from_anywhere() {
         let points = vec![Point::new(1.0, 2.0, 3.0); 4];
-        assert_eq!(seen_from(&points, &[Direction::z(); 4], &[]).hidden_share, 0.0);
-        assert_eq!(seen_from(&[], &[], &[]).hidden_share, 0.0);
+        let zero = Point::origin();
+        let study = ViewpointStudy::new(&points, &[Direction::z(); 4], None, zero);
+        assert_eq!(ViewpointStudy::decide(&[study])[0].viewpoint, zero);
+        assert_eq!(ViewpointStudy::decide(&[ViewpointStudy::new(&[], &[], None, zero)])[0].hidden_share, 0.0);
     }
 }
 

@@ -75,25 +75,27 @@ impl RegistrationConfig {
         self.verification.validate()?;
         self.multiview_icp.validate()?;
         let surfaces = self.verification.surfaces().is_some();
-        let needs_surfaces = |key: &str, found: &str| {
-            Err(Error::setting(
-                key,
-                format!("{found}, with registration.verification.kind = \"inlier-count\""),
-                "the verification \"surfaces\", which gives the probability that this goes by",
-                "set registration.verification.kind to \"surfaces\", or choose another value here",
-            ))
-        };
         match &self.strategy {
             Strategy::Agglomerative(_) if !surfaces => {
-                needs_surfaces("registration.strategy.kind", "agglomerative")
+                Err(needs_surfaces("registration.strategy.kind", "agglomerative"))
             }
             Strategy::Agglomerative(c) => c.validate(),
             Strategy::Incremental(c) if !surfaces && c.ordering == Ordering::Probability => {
-                needs_surfaces("registration.strategy.ordering", "probability")
+                Err(needs_surfaces("registration.strategy.ordering", "probability"))
             }
             Strategy::Incremental(c) => c.validate(),
         }
     }
+}
+
+/// A choice that goes by a probability, which inlier counts do not give.
+pub(super) fn needs_surfaces(key: &str, found: &str) -> Error {
+    Error::setting(
+        key,
+        format!("{found}, with registration.verification.kind = \"inlier-count\""),
+        "the verification \"surfaces\", which gives the probability that this goes by",
+        "set registration.verification.kind to \"surfaces\", or choose another value here",
+    )
 }
 
 /// Refuses zero.

@@ -26,7 +26,7 @@ pub use pairwise::registrar::{PairHypotheses, PairRegistrar};
 pub use scan_model::{FreeSpace, ScanModel};
 pub use verification::alignment::align;
 pub use verification::probability::{
-    MOST_VIOLATION_OF_CORRECT, is_undecided, predictors, probability, viewpoints_are_reliable,
+    MOST_VIOLATION_OF_CORRECT, SurePair, predictors, probability, viewpoint_reliability,
     with_scan_count_prior,
 };
 pub use verification::surface_fit::{Posed, SurfaceFit, surface_fit};
@@ -69,8 +69,10 @@ pub fn register(
         (Strategy::Incremental(settings), _) => {
             incremental::register(scans, similarity, config, settings, lengths, seed, monitor)
         }
-        // Refused by `validate`.
-        (Strategy::Agglomerative(_), None) => Ok(Reconstruction::default()),
+        (Strategy::Agglomerative(_), None) => Err(config::needs_surfaces(
+            "registration.strategy.kind",
+            "agglomerative",
+        )),
     };
     Ok(order.restore(reconstruction?))
 }

@@ -11,13 +11,19 @@ pub struct Surface {
     pub normals: Vec<Direction>,
     /// Where the sensor stood, or can have stood, in the scan's frame.
     pub viewpoint: Point,
-    /// Share of the surface that is hidden from there, in `[0, 1]`.
-    pub hidden_share: f32,
+    /// How far the shape of the scan bears that out, in `[0, 1]`.
+    pub viewpoint_confidence: f32,
     /// `[n]` brightness of each point in `[0, 1]`; empty where the scan has no colour.
     pub intensities: Vec<f32>,
 }
 
 impl Surface {
+    /// Whether the side that normals turn to says something: where the viewpoint is in doubt they may
+    /// all, or in parts, turn to the wrong one.
+    pub fn is_oriented(&self) -> bool {
+        self.viewpoint_confidence >= 0.5
+    }
+
     /// Number of points.
     pub fn len(&self) -> usize {
         self.points.len()

@@ -306,7 +306,7 @@ impl<'a> Agglomeration<'a> {
 
     pub(super) fn joined(&self, ca: &Component, cb: &Component, proposal: &Proposal) -> Option<Component> {
         let pair = self.pairs.get(proposal.pair)?;
-        let ScoredHypothesis { a_from_b, evidence } = proposal.scored;
+        let ScoredHypothesis { a_from_b, evidence, .. } = proposal.scored;
         // The larger keeps its frame; of equals the one with the lower pivot.
         let first =
             (ca.members.len(), Reverse(ca.members[0].0)) >= (cb.members.len(), Reverse(cb.members[0].0));

@@ -40,7 +40,7 @@ impl ComponentEdge {
     /// The same with the two components exchanged.
     pub(super) fn turned(mut self) -> Self {
         self.proposals.iter_mut().for_each(|p| p.0 = p.0.inverse());
-        self.scored.iter_mut().flatten().for_each(|a| a.0.a_from_b = a.0.a_from_b.inverse());
+        self.scored.iter_mut().flatten().for_each(|a| a.0 = a.0.turned());
         self
     }
 }
@@ -123,8 +123,7 @@ impl Agglomeration<'_> {
             let pair = &self.pairs[*only];
             let i_in_a = of(ca, pair.i).is_some();
             let turned = pair.hypotheses.iter().map(|h| {
-                let a_from_b = if i_in_a { h.a_from_b } else { h.a_from_b.inverse() };
-                (ScoredHypothesis { a_from_b, ..*h }, *only)
+                (if i_in_a { *h } else { h.turned() }, *only)
             });
             edge.scored = Some(turned.collect());
         }

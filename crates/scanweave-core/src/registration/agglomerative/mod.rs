@@ -7,7 +7,7 @@
 //!
 //! ```text
 //! 1  register every scan with the scans most similar to it; score the hypotheses of every pair
-//! 2  find out from the surest pairs whether viewpoints are reliable; score again
+//! 2  find out from the surest pairs how far each viewpoint is reliable; score again
 //! 3  every usable scan is a component
 //! 4  repeat for every retrieval round:
 //! 4a     make the certain joins, the most probable first
@@ -63,18 +63,20 @@ pub(super) fn register(
         scans.iter().map(|s| usability::unusable(s, MIN_KEYPOINTS, lengths.voxel_m)).collect();
     let usable: Vec<ScanId> = (0..scans.len()).filter(|&i| refusals[i].is_none()).map(ScanId).collect();
     let radius_m = lengths.inlier_radius_m;
-    let models: Vec<ScanModel<'_>> =
+    let mut models: Vec<ScanModel<'_>> =
         scans.par_iter().map(|s| ScanModel::new(s.surface, radius_m as f32, config)).collect();
-    let mut verifier =
-        Verifier { models: &models, settings: verification, radius_m, viewpoints_reliable: false };
     // 1
     let scorer = PairScorer::new(scans, &config.estimator, seed);
     let retrieved = most_similar_pairs(similarity, &usable, settings.neighbours);
+    let verifier = Verifier { models: &models, settings: verification, radius_m };
     let mut pairs = scorer.register(&retrieved, &verifier, monitor)?;
     // 2
-    let surest = pairs.iter().filter_map(|p| Some(&p.hypotheses.first()?.evidence));
-    verifier.viewpoints_reliable = probability::viewpoints_are_reliable(surest, verification);
-    tracing::debug!("viewpoints are reliable: {}", verifier.viewpoints_reliable);
+    let sure = pairs.iter().filter_map(|pair| pair.if_sure_without_free_space(verification)).collect::<Vec<_>>();
+    let reliability = probability::viewpoint_reliability(scans.len(), &sure, verification);
+    models.iter_mut().zip(reliability).for_each(|(model, r)| model.set_borne_out(r));
+    let reliability: Vec<f64> = models.iter().map(|m| m.viewpoint_reliability).collect();
+    tracing::debug!("reliability of the viewpoints: {reliability:.2?}");
+    let verifier = Verifier { models: &models, settings: verification, radius_m };
     pairs.iter_mut().for_each(|pair| pair.rescore(&verifier));
     // 3
     let keypoints = scans.iter().map(|s| s.features.keypoints.as_slice()).collect();

@@ -9,7 +9,9 @@ use crate::registration::input::{ContentDigest, ScanInput};
 use crate::registration::pairwise::correspondences::Correspondences;
 use crate::registration::pairwise::matching::MatchTarget;
 use crate::registration::pairwise::registrar::{PairHypotheses, PairRegistrar};
-use crate::registration::verification::surface_fit::Posed;
+use crate::registration::config::SurfaceVerification;
+use crate::registration::verification::probability::{self, SurePair};
+use crate::registration::verification::surface_fit::{Posed, violation};
 use crate::registration::verification::verifier::{ScoredHypothesis, Verifier};
 use crate::scan::{ScanId, SimilarityMatrix};
 use rayon::prelude::*;
@@ -29,9 +31,21 @@ pub struct ScanPair {
 }
 
 impl ScanPair {
-    /// Puts the hypotheses in the order of what the verifier makes of their evidence.
+    /// What the two scans saw through of each other, where their best pose is sure without it.
+    pub fn if_sure_without_free_space(&self, settings: &SurfaceVerification) -> Option<SurePair> {
+        let best = self.hypotheses.first()?;
+        let sure = probability::is_sure_without_free_space(&best.evidence, settings);
+        sure.then_some(((self.i.0, self.j.0), best.seen_through))
+    }
+
+    /// Puts the hypotheses in the order of what the verifier makes of their evidence, as far as the
+    /// viewpoints are reliable now.
     pub fn rescore(&mut self, verifier: &Verifier<'_>) {
+        let [of_i, of_j] = [self.i, self.j].map(|s| verifier.models[s.0].viewpoint_reliability);
         for h in &mut self.hypotheses {
+            // Points of i count as far as the viewpoint of j is reliable, and the other way round.
+            let violating = of_j * h.seen_through[0] + of_i * h.seen_through[1];
+            h.evidence.free_space_violation = violation(violating, 0.5 * (of_i + of_j));
             h.evidence.probability = Some(verifier.probability(&h.evidence));
         }
         self.hypotheses.sort_by(|x, y| y.probability().total_cmp(&x.probability()));

@@ -2,7 +2,6 @@
 
 use super::agglomeration::{Agglomeration, Component, ComponentId};
 use crate::geometry::RigidMotion;
-use crate::registration::verification::probability;
 use crate::registration::verification::verifier::ScoredHypothesis;
 use crate::scan::{Evidence, ScanId};
 use std::collections::{BTreeMap, BTreeSet};
@@ -53,12 +52,9 @@ impl Agglomeration<'_> {
     }
 
     /// The evidence of a member of a component in the light of the places that other components have for
-    /// it: one with matches enough to leave the present place undecided is its rival, whatever it is that
-    /// keeps the two apart.
+    /// it: one with at least as many matches is its rival, whatever it is that keeps the two apart.
     pub(super) fn against_others(&self, home: ComponentId, scan: ScanId, evidence: Evidence) -> Evidence {
-        let undecided = |there: &Evidence| {
-            probability::is_undecided(&with_rival(&evidence, there), self.verifier.settings)
-        };
+        let undecided = |there: &Evidence| there.inliers >= evidence.inliers;
         let Some(rival) = self.rival(home, scan, undecided) else { return evidence };
         let there = rival.evidence;
         if !undecided(&there) {

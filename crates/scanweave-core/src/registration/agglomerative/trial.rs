@@ -23,9 +23,10 @@ const TRIALS: usize = 10;
 const TRIALS_PER_EDGE: usize = 4;
 /// Probability, rivals apart, from which a proposal is tried.
 pub(super) const WORTH_TRYING: f64 = 0.01;
-/// Violation, where viewpoints are reliable, that no trial makes good.
+/// Free-space violation that no trial makes good.
 const HOPELESS: f64 = 0.3;
-/// Probability, rivals apart, below which a trial has refuted a proposal.
+/// Probability, rivals apart, up to which a trial has refuted a proposal: what viewpoints contradict has
+/// no more.
 const REFUTED: f64 = 0.5;
 
 /// One in so many of the inliers of a refuted rival count: that many matches agree by chance or
@@ -118,7 +119,7 @@ impl Agglomeration<'_> {
             joined.joins.last_mut().into_iter().for_each(|join| join.evidence = evidence);
             self.replace(&[a, b], joined, None);
         } else {
-            let scored = ScoredHypothesis { a_from_b: trial.a_from_b, evidence };
+            let scored = ScoredHypothesis { a_from_b: trial.a_from_b, evidence, ..trial.proposal.scored };
             self.join(&Proposal { scored, ..trial.proposal });
         }
     }
@@ -134,8 +135,7 @@ impl Agglomeration<'_> {
 
     /// Whether so much lies in space seen to be empty that no trial makes it good.
     fn is_seen_through(&self, evidence: &Evidence) -> bool {
-        let free_space = self.verifier.settings.free_space && self.verifier.viewpoints_reliable;
-        free_space && evidence.free_space_violation > HOPELESS
+        self.verifier.settings.free_space && evidence.free_space_violation > HOPELESS
     }
 
     /// Proposals in the order in which they deserve a trial; edges that failed before do not.
@@ -257,7 +257,7 @@ impl Agglomeration<'_> {
         };
         let rivals = trials.iter().filter(|t| t.key == trial.key).filter(elsewhere);
         let standing =
-            rivals.filter(|t| self.unrivalled(&t.evidence) >= REFUTED).map(|t| t.evidence.inliers).max();
+            rivals.filter(|t| self.unrivalled(&t.evidence) > REFUTED).map(|t| t.evidence.inliers).max();
         let refuted = trial.proposal.scored.evidence.second_best_inliers.div_ceil(REFUTED_RIVAL);
         Evidence { second_best_inliers: standing.unwrap_or(0).max(refuted), ..trial.evidence }
     }
@@ -281,7 +281,7 @@ mod tests {
         let models: Vec<ScanModel<'_>> =
             (0..101).map(|_| ScanModel::with_sizes(&surface, 0.07, 2, 0.14)).collect();
         let verifier =
-            Verifier { models: &models, settings: &settings, radius_m: 0.07, viewpoints_reliable: false };
+            Verifier { models: &models, settings: &settings, radius_m: 0.07 };
         let agglomeration = Agglomeration::new(&verifier, &config, vec![&[]; 101], &[]);
         let component = |members: Vec<(ScanId, RigidMotion)>| Component {
             refined_at: members.len(),

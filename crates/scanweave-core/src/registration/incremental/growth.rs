@@ -43,6 +43,8 @@ pub struct Attempt {
     pub parent: Option<ScanId>,
     /// Why the evidence does not suffice; `None` when it does.
     pub refusal: Option<DeclineReason>,
+    /// What the component saw through of the scan, and the scan of it.
+    pub seen_through: [f64; 2],
 }
 
 /// A scan of the current component.
@@ -68,8 +70,8 @@ pub struct Growth<'a> {
     pub(super) models: Vec<ScanModel<'a>>,
     /// What every scan is, for its random numbers.
     digests: Vec<ContentDigest>,
-    /// Whether the joins made so far show that viewpoints are reliable.
-    viewpoints_reliable: bool,
+    /// What was seen through at the joins made so far that are sure without it.
+    sure: Vec<probability::SurePair>,
     /// Descriptors of every scan, packed for matching.
     pub(super) columns: Vec<Columns>,
     /// Scans without an outcome yet.
@@ -118,7 +120,7 @@ impl<'a> Growth<'a> {
             config,
             settings,
             digests: scans.par_iter().map(ContentDigest::of).collect(),
-            viewpoints_reliable: false,
+            sure: Vec::new(),
             radius_m,
             seed,
             grids,
@@ -201,12 +203,15 @@ impl<'a> Growth<'a> {
             Some(settings) => self.score(settings, scan, candidate),
             None => self.count_inliers(scan, candidate),
         };
-        let Some(ScoredHypothesis { a_from_b: world_from_scan, evidence }) = scored else {
+        let Some(ScoredHypothesis { a_from_b: world_from_scan, evidence, seen_through }) = scored else {
             let evidence = Evidence { matches: candidate.matches.len(), ..Evidence::default() };
             return self.attempt(scan, RigidMotion::identity(), evidence, 0.0, None);
         };
         let (residual_m, parent) = self.inlier_summary(&candidate.matches, &world_from_scan, meta);
-        self.attempt(scan, world_from_scan, evidence, residual_m, parent)
+        Attempt {
+            seen_through,
+            ..self.attempt(scan, world_from_scan, evidence, residual_m, parent)
+        }
     }
 
     /// Scores the hypotheses of a candidate against the component.
@@ -216,8 +221,7 @@ impl<'a> Growth<'a> {
         scan: ScanId,
         candidate: &Candidate,
     ) -> Option<ScoredHypothesis> {
-        let (models, viewpoints_reliable) = (&self.models, self.viewpoints_reliable);
-        let verifier = Verifier { models, settings, radius_m: f64::from(self.radius_m), viewpoints_reliable };
+        let verifier = Verifier { models: &self.models, settings, radius_m: f64::from(self.radius_m) };
         let motions: Vec<RigidMotion> = candidate.hypotheses.iter().map(|h| h.target_from_source).collect();
         let matches = Correspondences::new(&candidate.matches.source, &candidate.matches.target);
         verifier.score(&self.placed_surfaces(), &[self.alone(scan)], &motions, &matches).into_iter().next()
@@ -239,7 +243,7 @@ impl<'a> Growth<'a> {
             overlap,
             ..Evidence::default()
         };
-        Some(ScoredHypothesis { a_from_b, evidence })
+        Some(ScoredHypothesis { a_from_b, evidence, seen_through: [0.0; 2] })
     }
 
     fn alone(&self, scan: ScanId) -> Posed<'_> {
@@ -264,7 +268,7 @@ impl<'a> Growth<'a> {
         } else {
             decline::refusal(&evidence, &self.config.verification)
         };
-        Attempt { scan, world_from_scan, evidence, residual_m, parent, refusal }
+        Attempt { scan, world_from_scan, evidence, residual_m, parent, refusal, seen_through: [0.0; 2] }
     }
 
     /// Surfaces of the members.
@@ -330,10 +334,18 @@ impl<'a> Growth<'a> {
         attempt.evidence.parent_from_scan = parent.map(|p| p.world_from_scan.inverse() * world_from_scan);
         self.members.push(Member { scan, world_from_scan, attempt: Some(attempt) });
         self.joined_since_refinement += 1;
-        if let Some(settings) = self.config.verification.surfaces() {
-            let joined = self.components.iter().flatten().chain(&self.members);
-            let joined = joined.filter_map(|m| Some(&m.attempt.as_ref()?.evidence));
-            self.viewpoints_reliable = probability::viewpoints_are_reliable(joined, settings);
+        self.learn_reliability(scan, chosen);
+    }
+
+    /// Takes in what a join shows of the viewpoints: of its scan's own, and of its parent's for the rest.
+    fn learn_reliability(&mut self, scan: ScanId, chosen: &Attempt) {
+        let (Some(settings), Some(parent)) = (self.config.verification.surfaces(), chosen.parent) else {
+            return;
+        };
+        if probability::is_sure_without_free_space(&chosen.evidence, settings) {
+            self.sure.push(((parent.0, scan.0), chosen.seen_through));
+            let reliability = probability::viewpoint_reliability(self.scans.len(), &self.sure, settings);
+            self.models.iter_mut().zip(reliability).for_each(|(model, r)| model.set_borne_out(r));
         }
     }
 

@@ -5,7 +5,7 @@ use super::PosedScan;
 use super::intensity::{self, Touch};
 use crate::geometry::nearest_map::NO_POINT;
 use crate::geometry::rigid::PointMover;
-use crate::geometry::{Direction, MIN_NORMAL_COSINE, Point, RigidMotion};
+use crate::geometry::{Direction, Point, RigidMotion};
 use crate::scan::Surface;
 use nalgebra::{Matrix6, Vector6};
 use rayon::prelude::*;
@@ -138,7 +138,7 @@ pub(super) fn pair_term(
         for (((_, normal), moved), &k) in touching {
             let k = k as usize;
             let n = model.surface.normals[k];
-            if mover.direction(normal).dot(&n) < MIN_NORMAL_COSINE {
+            if !scans[from].model.same_side(model, mover.direction(normal).dot(&n)) {
                 continue;
             }
             let r = f64::from(n.dot(&(moved - model.surface.points[k])));
@@ -176,7 +176,7 @@ pub(super) fn add_intensities(
         let touch = |(((&place, &nearest), normal), &intensity): (((&Point, &u32), &Direction), &f32)| {
             let nearest = Some(nearest).filter(|&k| k != NO_POINT)? as usize;
             let facing = mover.direction(normal).dot(&model.surface.normals[nearest]);
-            (facing >= MIN_NORMAL_COSINE).then_some(Touch { place, intensity, nearest })
+            scans[from].model.same_side(model, facing).then_some(Touch { place, intensity, nearest })
         };
         let points = places.iter().zip(&near).zip(&sample.normals).zip(&sample.intensities);
         let touches: Vec<Touch> = points.filter_map(touch).collect();

@@ -8,10 +8,13 @@ pub use free_space::FreeSpace;
 
 use crate::geometry::nearest_map::{NO_POINT, NearestMap};
 use crate::geometry::rigid::PointMover;
-use crate::geometry::{Direction, Point, RigidMotion};
+use crate::geometry::{Direction, MIN_NORMAL_COSINE, Point, RigidMotion};
 use crate::registration::config::RegistrationConfig;
 use crate::scan::Surface;
 use std::sync::OnceLock;
+
+/// Reliability of a viewpoint that nothing is known of yet.
+pub const UNKNOWN_RELIABILITY: f64 = 0.5;
 
 /// A scan's surface prepared for comparison, all in its own frame.
 pub struct ScanModel<'a> {
@@ -27,6 +30,8 @@ pub struct ScanModel<'a> {
     pub reach_m: f32,
     /// How far the scan saw.
     pub free_space: FreeSpace,
+    /// How far its viewpoint, and with it what it saw to be empty, is to be believed, in `[0, 1]`.
+    pub viewpoint_reliability: f64,
     /// What is near, for radii up to τ.
     fine: NearestMap,
     /// What is near for larger radii; made when first asked for.
@@ -66,11 +71,26 @@ impl<'a> ScanModel<'a> {
             centre,
             reach_m,
             free_space: FreeSpace::new(surface),
+            viewpoint_reliability: UNKNOWN_RELIABILITY * f64::from(surface.viewpoint_confidence),
             fine: NearestMap::new(&surface.points, radius_m),
             coarse: OnceLock::new(),
             widest_m,
             gradients: OnceLock::new(),
         }
+    }
+
+    /// Whether two scans show the same side of a surface where their normals have this inner product; any
+    /// side where it is not known which is which.
+    #[inline]
+    pub fn same_side(&self, other: &ScanModel<'_>, cosine: f32) -> bool {
+        let known = self.surface.is_oriented() && other.surface.is_oriented();
+        (if known { cosine } else { cosine.abs() }) >= MIN_NORMAL_COSINE
+    }
+
+    /// Takes in how far other scans bear out that the viewpoint is the sensor's, in `[0, 1]`: its
+    /// reliability is that as far as the scan's own shape bears it out.
+    pub fn set_borne_out(&mut self, by_others: f64) {
+        self.viewpoint_reliability = by_others * f64::from(self.surface.viewpoint_confidence);
     }
 
     /// Slope of the intensity at every point of the surface, per metre; zero everywhere without colour.

@@ -55,8 +55,8 @@ pub struct SurfaceVerification {
     /// Whether points in space that the other side saw to be empty count, in the probability and as
     /// a limit.
     pub free_space: bool,
-    /// Whether they count in full where the surest pairs show that viewpoints are reliable. No
-    /// effect without `free_space`.
+    /// Whether they count as far as the surest pairs show that each viewpoint is reliable; otherwise
+    /// all count in full. No effect without `free_space`.
     pub viewpoint_reliability: bool,
     /// Whether it counts how well the touching surface fixes the pose.
     pub localizability: bool,

@@ -7,10 +7,10 @@
 //! was seen to be empty, and how firmly the touching surface fixes the pose.
 
 use crate::registration::config::SurfaceVerification;
+use crate::registration::scan_model::UNKNOWN_RELIABILITY;
 use crate::scan::Evidence;
 
-/// Beyond this share of free-space violations more of them say no more unless viewpoints are reliable: where
-/// scans do not tell where the sensor stood, right joins reach it too, and must still be possible.
+/// Free-space violation beyond which more of it counts besides by a term of its own.
 const MOST_VIOLATION: f64 = 0.2;
 
 /// Violation that a right pose does not exceed where viewpoints are reliable: 9 of 3082 right proposals
@@ -21,45 +21,72 @@ pub const MOST_VIOLATION_OF_CORRECT: f64 = 0.125;
 /// What right poses usually show: it stands for a measurement that is switched off. The figures are
 /// those at which the weighted term equals its mean over the right proposals that the weights were
 /// fitted to (`examples/evidence_calibration.rs`).
-const USUAL_VIOLATION: f64 = 0.02;
+pub(super) const USUAL_VIOLATION: f64 = 0.02;
 const USUAL_LOCALIZABILITY: f64 = 0.0787;
 const USUAL_CHANCE_SHARE: f64 = 0.0092;
 
-/// Whether the viewpoints of the scans are reliable, and with them what lies in space seen to be
-/// empty: then the surest pairs, judged without it, show next to none.
+/// A pair of scans that is sure, whatever was seen to be empty, and what each scan saw through of the
+/// other: [`SurfaceFit::seen_through`](super::surface_fit::SurfaceFit::seen_through) of the first and
+/// of the second.
+pub type SurePair = ((usize, usize), [f64; 2]);
+
+/// Whether a pose is sure by all that was measured but free space.
+pub fn is_sure_without_free_space(evidence: &Evidence, settings: &SurfaceVerification) -> bool {
+    /// Probability from which it is.
+    const SURE: f64 = 0.95;
+    probability(&Evidence { free_space_violation: USUAL_VIOLATION, ..*evidence }, settings) >= SURE
+}
+
+/// How far the viewpoint of each of `scans` scans is reliable, in `[0, 1]`: as far as sure pairs show no
+/// surface of other scans in the space that it saw to be empty.
 ///
-/// A fifth of one scan's surface in the air of another means a wrong pose where viewpoints are
-/// known; where they are made up it means nothing.
-pub fn viewpoints_are_reliable<'a>(
-    surest: impl Iterator<Item = &'a Evidence>,
-    settings: &SurfaceVerification,
-) -> bool {
+/// A fifth of one scan's surface in the air of another means a wrong pose where the viewpoint is the
+/// sensor's; where it is not it means nothing. Scans with few sure pairs are taken for as reliable as
+/// all scans are; where there are hardly any such pairs nothing is known.
+pub fn viewpoint_reliability(scans: usize, sure: &[SurePair], settings: &SurfaceVerification) -> Vec<f64> {
     /// Pairs below which there is nothing to conclude from.
     const FEWEST: usize = 5;
-    /// Probability from which a pair is sure.
-    const SURE: f64 = 0.95;
-    /// Median free-space violation of the sure pairs up to which viewpoints are reliable.
+    /// Median violation of sure pairs up to which a viewpoint is fully reliable; it is not at all where
+    /// that is as large as correct poses show nowhere.
     const RELIABLE: f64 = 0.05;
+    /// Sure pairs of a scan that count as much as what is known of all scans.
+    const PRIOR_PAIRS: f64 = 2.0;
     if !(settings.free_space && settings.viewpoint_reliability) {
-        return false;
+        return vec![1.0; scans];
     }
-    let sure = |s: &&Evidence| {
-        probability(&Evidence { free_space_violation: USUAL_VIOLATION, ..**s }, settings, false) >= SURE
+    if sure.len() < FEWEST {
+        return vec![UNKNOWN_RELIABILITY; scans];
+    }
+    let median = |violations: &mut Vec<f64>| {
+        violations.sort_by(f64::total_cmp);
+        violations.get(violations.len() / 2).copied()
     };
-    let mut violations: Vec<f64> = surest.filter(sure).map(|s| s.free_space_violation).collect();
-    violations.sort_by(f64::total_cmp);
-    violations.len() >= FEWEST && violations[violations.len() / 2] <= RELIABLE
+    let mut of_scan: Vec<Vec<f64>> = vec![Vec::new(); scans];
+    for &((i, j), [of_i_seen_by_j, of_j_seen_by_i]) in sure {
+        for (scan, per_touching) in [(i, of_j_seen_by_i), (j, of_i_seen_by_j)] {
+            of_scan[scan].push(per_touching / (1.0 + per_touching));
+        }
+    }
+    let mut all: Vec<f64> = of_scan.iter().flatten().copied().collect();
+    let of_all = median(&mut all).unwrap_or(0.0);
+    let reliability = |own: &mut Vec<f64>| {
+        let pairs = own.len() as f64;
+        let own = median(own).unwrap_or(of_all);
+        let violation = (pairs * own + PRIOR_PAIRS * of_all) / (pairs + PRIOR_PAIRS);
+        ((MOST_VIOLATION_OF_CORRECT - violation) / (MOST_VIOLATION_OF_CORRECT - RELIABLE)).clamp(0.0, 1.0)
+    };
+    of_scan.iter_mut().map(reliability).collect()
 }
 
 /// What the logistic model sees of evidence, in the order of [`crate::registration::config::EvidenceWeights::as_array`]:
 /// 1, ln inliers, ln(inliers / inliers of the next hypothesis), ln normal agreement,
-/// plane residual, ln overlap, ln free-space violation, ln localizability, free-space violation beyond a fifth (nothing unless
-/// `viewpoints_reliable`), ln(inliers by chance / inliers); the logarithms of shares with 0.01
+/// plane residual, ln overlap, ln free-space violation, ln localizability, free-space violation beyond a fifth,
+/// ln(inliers by chance / inliers); the logarithms of shares with 0.01
 /// added, 0.05 for the normals, 0.001 for the localizability, 0.02 for chance.
 ///
 /// Fewer than three inliers of the next hypothesis count as three: any three matches
 /// agree on some motion.
-pub fn predictors(evidence: &Evidence, viewpoints_reliable: bool) -> [f64; 10] {
+pub fn predictors(evidence: &Evidence) -> [f64; 10] {
     let inliers = evidence.inliers.max(1) as f64;
     let second_best_ratio = inliers / evidence.second_best_inliers.max(3) as f64;
     [
@@ -71,14 +98,14 @@ pub fn predictors(evidence: &Evidence, viewpoints_reliable: bool) -> [f64; 10] {
         (evidence.overlap + 0.01).ln(),
         (evidence.free_space_violation.min(MOST_VIOLATION) + 0.01).ln(),
         (evidence.localizability + 1e-3).ln(),
-        if viewpoints_reliable { (evidence.free_space_violation - MOST_VIOLATION).max(0.0) } else { 0.0 },
+        (evidence.free_space_violation - MOST_VIOLATION).max(0.0),
         (evidence.chance_inliers / inliers + 0.02).ln(),
     ]
 }
 
 /// Probability that a pose with this evidence is right, by the logistic model of the settings.
-pub fn probability(evidence: &Evidence, settings: &SurfaceVerification, viewpoints_reliable: bool) -> f64 {
-    let x = predictors(&considered(evidence, settings), viewpoints_reliable && settings.free_space);
+pub fn probability(evidence: &Evidence, settings: &SurfaceVerification) -> f64 {
+    let x = predictors(&considered(evidence, settings));
     let score: f64 = x.iter().zip(settings.weights.as_array()).map(|(x, w)| x * w).sum();
     1.0 / (1.0 + (-score).exp())
 }
@@ -98,14 +125,10 @@ fn considered(evidence: &Evidence, settings: &SurfaceVerification) -> Evidence {
     considered
 }
 
-/// Whether reliable viewpoints speak against a pose, so that no number of matches makes up for it:
-/// two rooms furnished alike match as well as one seen twice.
-pub fn exceeds_free_space_limit(
-    evidence: &Evidence,
-    settings: &SurfaceVerification,
-    viewpoints_reliable: bool,
-) -> bool {
-    settings.free_space && viewpoints_reliable && evidence.free_space_violation > MOST_VIOLATION_OF_CORRECT
+/// Whether viewpoints, as far as they are reliable, speak against a pose so that no number of matches
+/// makes up for it: two rooms furnished alike match as well as one seen twice.
+pub fn exceeds_free_space_limit(evidence: &Evidence, settings: &SurfaceVerification) -> bool {
+    settings.free_space && evidence.free_space_violation > MOST_VIOLATION_OF_CORRECT
 }
 
 /// A probability by weights that were fitted to scenes of some sixty scans, in a collection of `scans` scans: a scan
@@ -116,18 +139,6 @@ pub fn with_scan_count_prior(probability: f64, scans: usize) -> f64 {
     const FITTED: f64 = 60.0;
     let odds = probability / (1.0 - probability) * (FITTED / scans as f64).min(1.0);
     if odds.is_finite() { odds / (1.0 + odds) } else { probability }
-}
-
-/// Whether matches do not single a pose out and must: another pose has more of them; or it has half
-/// as many, and the touching surface leaves some motion free, as two walls do, so that it fits
-/// elsewhere as well. A trial can still show that the other pose does not hold.
-pub fn is_undecided(evidence: &Evidence, settings: &SurfaceVerification) -> bool {
-    /// Localizability below which a motion is free. Of 1045 joins on five 3DMatch scenes, nearly all of
-    /// them right, a hundredth lie below 0.0155.
-    const FREE: f64 = 0.01;
-    let slides = settings.localizability && evidence.localizability < FREE;
-    let needed = if slides { 2 } else { 1 } * evidence.second_best_inliers;
-    evidence.second_best_inliers > 0 && evidence.inliers <= needed
 }
 
 #[cfg(test)]
@@ -159,62 +170,39 @@ mod tests {
             localizability: 0.05,
             ..Evidence::default()
         };
-        let p = probability(&base, &settings, false);
-        assert!(probability(&Evidence { inliers: 60, ..base }, &settings, false) > p);
-        assert!(probability(&Evidence { second_best_inliers: 29, ..base }, &settings, false) < p);
-        assert!(probability(&Evidence { chance_inliers: 3.0, ..base }, &settings, false) < p);
-        assert!(probability(&Evidence { normal_agreement: 0.5, ..base }, &settings, false) < p);
-        assert!(probability(&Evidence { plane_residual: 0.6, ..base }, &settings, false) < p);
-        assert!(probability(&Evidence { overlap: 0.1, ..base }, &settings, false) < p);
-        assert!(probability(&Evidence { free_space_violation: 0.2, ..base }, &settings, false) < p);
-        let seen = |free_space_violation: f64, trusted: bool| {
-            probability(&Evidence { free_space_violation, ..base }, &settings, trusted)
+        let p = probability(&base, &settings);
+        assert!(probability(&Evidence { inliers: 60, ..base }, &settings) > p);
+        assert!(probability(&Evidence { second_best_inliers: 29, ..base }, &settings) < p);
+        assert!(probability(&Evidence { chance_inliers: 3.0, ..base }, &settings) < p);
+        assert!(probability(&Evidence { normal_agreement: 0.5, ..base }, &settings) < p);
+        assert!(probability(&Evidence { plane_residual: 0.6, ..base }, &settings) < p);
+        assert!(probability(&Evidence { overlap: 0.1, ..base }, &settings) < p);
+        assert!(probability(&Evidence { free_space_violation: 0.2, ..base }, &settings) < p);
+        let seen = |free_space_violation: f64| {
+            probability(&Evidence { free_space_violation, ..base }, &settings)
         };
-        assert_eq!(seen(0.2, false), seen(0.6, false));
-        assert!(seen(0.6, true) < seen(0.6, false) && seen(0.2, true) == seen(0.2, false));
-        assert!(probability(&Evidence { localizability: 0.0, ..base }, &settings, false) < p);
+        assert!(seen(0.6) < seen(0.3) && seen(0.3) < seen(0.2));
+        assert!(probability(&Evidence { localizability: 0.0, ..base }, &settings) < p);
     }
 
     #[test]
-    fn a_slide_along_a_wall_is_undecided_unless_matches_single_it_out() {
+    fn a_viewpoint_is_reliable_as_far_as_sure_pairs_do_not_lie_in_its_air() {
         let settings = SurfaceVerification::default();
-        let wall =
-            Evidence { inliers: 30, second_best_inliers: 16, localizability: 0.001, ..Evidence::default() };
-        assert!(is_undecided(&wall, &settings));
-        assert!(!is_undecided(&Evidence { inliers: 33, ..wall }, &settings));
-        assert!(!is_undecided(&Evidence { localizability: 0.05, ..wall }, &settings));
-        assert!(is_undecided(&Evidence { localizability: 0.05, second_best_inliers: 40, ..wall }, &settings));
-        assert!(!is_undecided(&Evidence { second_best_inliers: 0, ..wall }, &settings));
-    }
-
-    #[test]
-    fn viewpoints_are_reliable_when_sure_pairs_hardly_violate_free_space() {
-        let settings = SurfaceVerification::default();
-        let sure = |free_space_violation: f64| Evidence {
-            matches: 1000,
-            inliers: 300,
-            second_best_inliers: 10,
-            overlap: 0.6,
-            normal_agreement: 0.95,
-            plane_residual: 0.2,
-            free_space_violation,
-            localizability: 0.08,
-            ..Evidence::default()
+        // Scan 0 with four others: what it sees through of them, and they of it.
+        let pairs = |by_0: f64, by_others: f64| -> Vec<SurePair> {
+            (1..7).map(|k| ((0, k), [by_others, by_0])).collect()
         };
-        let unsure = |free_space_violation: f64| Evidence {
-            inliers: 7,
-            second_best_inliers: 6,
-            ..sure(free_space_violation)
-        };
-        let reliable =
-            |member_evidence: &[Evidence]| viewpoints_are_reliable(member_evidence.iter(), &settings);
-        let good = [0.0, 0.01, 0.02, 0.01, 0.2].map(sure);
-        assert!(reliable(&good));
-        assert!(!reliable(&good[..4]), "four pairs are too few to conclude from");
-        assert!(!reliable(&[0.0, 0.2, 0.3, 0.2, 0.25].map(sure)));
-        // What is not sure says nothing, however much of it there is.
-        let mixed: Vec<Evidence> = good.into_iter().chain((0..20).map(|_| unsure(0.4))).collect();
-        assert!(reliable(&mixed));
+        assert_eq!(viewpoint_reliability(8, &pairs(0.0, 0.01), &settings), [1.0; 8]);
+        assert_eq!(viewpoint_reliability(8, &pairs(0.0, 0.0)[..4], &settings), [UNKNOWN_RELIABILITY; 8]);
+        let one_bad = viewpoint_reliability(8, &pairs(0.4, 0.0), &settings);
+        // Its own 0.4/1.4 in six pairs and in the median of all that counts for two.
+        assert!(one_bad[0] < one_bad[1], "{one_bad:?}");
+        assert_eq!(one_bad[0], 0.0);
+        let all_bad = viewpoint_reliability(8, &pairs(0.3, 0.3), &settings);
+        assert_eq!(all_bad, [0.0; 8]);
+        // Halfway between 0.05 and 0.125: v/(1 − v) of 0.0875.
+        let between = viewpoint_reliability(8, &pairs(0.0875 / 0.9125, 0.0875 / 0.9125), &settings);
+        assert!(between.iter().all(|r| (r - 0.5).abs() < 1e-9), "{between:?}");
     }
 
     #[test]
@@ -249,7 +237,7 @@ mod tests {
             + 0.5 * 0.05f64.ln()
             - 3.0 * 0.12f64.ln();
         assert_relative_eq!(
-            probability(&evidence, &settings, false),
+            probability(&evidence, &settings),
             1.0 / (1.0 + (-score).exp()),
             epsilon = 1e-12
         );
@@ -270,10 +258,8 @@ mod tests {
             ..Evidence::default()
         };
         let varied = |evidence: [Evidence; 2], settings: &SurfaceVerification| {
-            let judged = evidence.map(|e| {
-                let limits = (is_undecided(&e, settings), exceeds_free_space_limit(&e, settings, true));
-                (probability(&e, settings, true), limits)
-            });
+            let judged = evidence
+                .map(|e| (probability(&e, settings), exceeds_free_space_limit(&e, settings)));
             judged[0] != judged[1]
         };
         let seen_through = [base, Evidence { free_space_violation: 0.5, ..base }];
@@ -286,13 +272,13 @@ mod tests {
         assert!(varied(sliding, &on) && !varied(sliding, &without));
         let without = SurfaceVerification { chance_inliers: false, ..on.clone() };
         assert!(varied(by_chance, &on) && !varied(by_chance, &without));
-        let surest = vec![Evidence { inliers: 500, overlap: 0.8, ..base }; 9];
-        assert!(viewpoints_are_reliable(surest.iter(), &on));
+        let sure: Vec<SurePair> = (1..9).map(|k| ((0, k), [0.5; 2])).collect();
+        assert_eq!(viewpoint_reliability(9, &sure, &on), [0.0; 9]);
         for without in [
             SurfaceVerification { free_space: false, ..on.clone() },
             SurfaceVerification { viewpoint_reliability: false, ..on.clone() },
         ] {
-            assert!(!viewpoints_are_reliable(surest.iter(), &without));
+            assert_eq!(viewpoint_reliability(9, &sure, &without), [1.0; 9]);
         }
     }
 }

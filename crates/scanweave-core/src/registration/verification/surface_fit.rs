@@ -7,8 +7,9 @@
 
 use crate::geometry::nearest_map::NO_POINT;
 use crate::geometry::rigid::PointMover;
-use crate::geometry::{MIN_NORMAL_COSINE, Point, RigidMotion};
+use crate::geometry::{Point, RigidMotion};
 use crate::registration::scan_model::ScanModel;
+use crate::registration::verification::probability::USUAL_VIOLATION;
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 use rayon::prelude::*;
 
@@ -36,9 +37,13 @@ pub struct SurfaceFit {
     pub normal_agreement: f64,
     /// Root mean square distance to the tangent planes where normals agree, in units of the radius.
     pub plane_residual: f64,
-    /// Points in space that a scan of the other group saw to be empty, over these and the
-    /// touching ones, in `[0, 1]`.
+    /// Points in space that a scan of the other group saw to be empty, each as far as that scan's
+    /// viewpoint is reliable, over these and the touching ones, in `[0, 1]`; of what is not reliable
+    /// the usual violation of a correct pose.
     pub free_space_violation: f64,
+    /// For points of either group those in space that the other saw to be empty, whatever the
+    /// reliability, over the touching ones of both.
+    pub seen_through: [f64; 2],
     /// Smallest eigenvalue of the information about the relative pose per touching point,
     /// lengths in units of the spread of these points: 0 where some motion is free.
     pub localizability: f64,
@@ -49,7 +54,9 @@ pub struct SurfaceFit {
 pub(super) struct Sums {
     touching: [usize; 2],
     pub(super) agreeing: usize,
-    violating: usize,
+    /// Points in space seen to be empty by side, and each as far as that is reliable.
+    seen_through: [usize; 2],
+    violating: f64,
     squared: f64,
     /// Σ w h hᵀ, lower part by columns, and Σ w r h of a left perturbation of group b, h = [x×n; n].
     information: [f64; 21],
@@ -66,7 +73,8 @@ impl Sums {
         Self {
             touching: [0; 2],
             agreeing: 0,
-            violating: 0,
+            seen_through: [0; 2],
+            violating: 0.0,
             squared: 0.0,
             information: [0.0; 21],
             gradient: Vector6::zeros(),
@@ -115,16 +123,33 @@ pub fn surface_fit(a: &[Posed<'_>], b: &[Posed<'_>], a_from_b: &RigidMotion, str
         overlap: (sums.touching[0] as f64 / per_scan(a)).min(sums.touching[1] as f64 / per_scan(b)),
         normal_agreement: sums.agreeing as f64 / touching.max(1.0),
         plane_residual: (sums.squared / sums.agreeing.max(1) as f64).sqrt() / radius_m,
-        free_space_violation: sums.violating as f64 / (sums.violating as f64 + touching).max(1.0),
+        free_space_violation: violation(sums.violating / touching.max(1.0), mean_reliability(a, b)),
+        seen_through: sums.seen_through.map(|n| n as f64 / touching.max(1.0)),
         localizability: localizability(&sums),
     }
+}
+
+/// The free-space violation of so many violating points a touching one, each counted as far as it is
+/// reliable, where so much is on the whole.
+pub(crate) fn violation(violating_per_touching: f64, reliability: f64) -> f64 {
+    let judged = violating_per_touching / (violating_per_touching + 1.0);
+    (judged + (1.0 - reliability) * USUAL_VIOLATION).min(1.0)
+}
+
+/// Mean reliability of the viewpoints of two groups.
+fn mean_reliability(a: &[Posed<'_>], b: &[Posed<'_>]) -> f64 {
+    let of = |group: &[Posed<'_>]| {
+        let sum: f64 = group.iter().map(|p| p.model.viewpoint_reliability).sum();
+        sum / group.len().max(1) as f64
+    };
+    0.5 * (of(a) + of(b))
 }
 
 /// Who is compared with whom: side, place of the scan in its group, place in the other group.
 pub(super) type Contact = (usize, usize, usize);
 
 /// Sums over the points of both groups. With `contacts`, only those scans are compared, and
-/// sight is not judged; an empty list is filled with all scans that touch.
+/// free space is not judged; an empty list is filled with all scans that touch.
 pub(super) fn pass(
     a: &[Posed<'_>],
     b: &[Posed<'_>],
@@ -175,13 +200,14 @@ struct Touches<'a> {
     world_from_scan: RigidMotion,
     rows: Vec<usize>,
     touches: Vec<Touch>,
-    violated: Vec<bool>,
+    /// Reliability of the most reliable scan that saw the space there to be empty.
+    violated: Vec<Option<f64>>,
 }
 
 impl<'a> Touches<'a> {
     fn new(model: &'a ScanModel<'a>, world_from_scan: RigidMotion, stride: usize) -> Self {
         let rows: Vec<usize> = model.sample.iter().step_by(stride).map(|&i| i as usize).collect();
-        let (touches, violated) = (vec![Touch::Nothing; rows.len()], vec![false; rows.len()]);
+        let (touches, violated) = (vec![Touch::Nothing; rows.len()], vec![None; rows.len()]);
         Self { model, world_from_scan, rows, touches, violated }
     }
 
@@ -220,7 +246,7 @@ impl<'a> Touches<'a> {
                 touched = true;
                 let n = other.surface.normals[near];
                 let off = n.dot(&(moved - other.surface.points[near]));
-                if n.dot(&mover.direction(&model.surface.normals[row])) < MIN_NORMAL_COSINE {
+                if !model.same_side(other, n.dot(&mover.direction(&model.surface.normals[row]))) {
                     if matches!(touch, Touch::Nothing) {
                         *touch = Touch::Disagreeing;
                     }
@@ -229,8 +255,11 @@ impl<'a> Touches<'a> {
                     let normal = world_from_other.rotation * n.cast::<f64>();
                     *touch = Touch::Agreeing { off, world, normal };
                 }
-            } else if check_free_space && !*violated {
-                *violated = violates_free_space(other, &moved);
+            } else if check_free_space
+                && violated.is_none_or(|r| r < other.viewpoint_reliability)
+                && violates_free_space(other, &moved)
+            {
+                *violated = Some(other.viewpoint_reliability);
             }
         }
         touched
@@ -250,9 +279,12 @@ fn violates_free_space(other: &ScanModel<'_>, place: &Point) -> bool {
     other.free_space.in_front_m(place).is_some_and(|m| m > MARGIN * other.radius_m)
 }
 
-fn add(sums: &mut Sums, side: usize, touch: &Touch, violated: bool, radius_m: f64) {
+fn add(sums: &mut Sums, side: usize, touch: &Touch, violated: Option<f64>, radius_m: f64) {
     match *touch {
-        Touch::Nothing => sums.violating += usize::from(violated),
+        Touch::Nothing => {
+            sums.seen_through[side] += usize::from(violated.is_some());
+            sums.violating += violated.unwrap_or(0.0);
+        }
         Touch::Disagreeing => sums.touching[side] += 1,
         Touch::Agreeing { off, world, normal } => {
             sums.touching[side] += 1;
@@ -315,13 +347,14 @@ mod tests {
                 .collect(),
             normals: vec![Direction::z(); 1600],
             viewpoint: Point::new(0.0, 0.0, 1.5),
+            viewpoint_confidence: 1.0,
             ..Surface::default()
         }
     }
 
     /// Three mutually perpendicular walls, 2 m wide, every 2.5 cm, seen from inside.
     fn corner() -> Surface {
-        let mut surface = Surface { viewpoint: Point::new(1.5, 1.5, 1.5), ..Surface::default() };
+        let mut surface = Surface { viewpoint: Point::new(1.5, 1.5, 1.5), viewpoint_confidence: 1.0, ..Surface::default() };
         for i in 0..6400 {
             let (u, v) = ((i % 80) as f32 * 0.025, (i / 80) as f32 * 0.025);
             surface.points.extend([[u, v, 0.0], [u, 0.0, v], [0.0, u, v]].map(Point::from));
@@ -331,8 +364,12 @@ mod tests {
     }
 
     fn between(a: &Surface, b: &Surface, a_from_b: &RigidMotion) -> SurfaceFit {
-        let (a, b) =
-            (ScanModel::with_sizes(a, 0.07, 10_000, 0.14), ScanModel::with_sizes(b, 0.07, 10_000, 0.14));
+        fn model(surface: &Surface) -> ScanModel<'_> {
+            let mut model = ScanModel::with_sizes(surface, 0.07, 10_000, 0.14);
+            model.viewpoint_reliability = 1.0;
+            model
+        }
+        let (a, b) = (model(a), model(b));
         let posed = |model| Posed { model, group_from_scan: RigidMotion::identity() };
         surface_fit(&[posed(&a)], &[posed(&b)], a_from_b, 1)
     }

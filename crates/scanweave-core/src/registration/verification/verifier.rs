@@ -16,7 +16,7 @@ use rayon::prelude::*;
 /// A proposal is worth a look at the surfaces when it has one in so many of the inliers of the best.
 pub const RIVAL: usize = 8;
 
-/// Probability at most where only matches could tell and do not.
+/// Probability at most where reliable viewpoints contradict a pose.
 const UNDECIDED: f64 = 0.5;
 
 /// A possible relative pose, with what speaks for it.
@@ -26,9 +26,17 @@ pub struct ScoredHypothesis {
     pub a_from_b: RigidMotion,
     /// What speaks for it; the probability is always there.
     pub evidence: Evidence,
+    /// What either group saw through of the other: [`SurfaceFit::seen_through`].
+    pub seen_through: [f64; 2],
 }
 
 impl ScoredHypothesis {
+    /// The same with the two groups exchanged.
+    pub fn turned(&self) -> Self {
+        let [of_a, of_b] = self.seen_through;
+        Self { a_from_b: self.a_from_b.inverse(), evidence: self.evidence, seen_through: [of_b, of_a] }
+    }
+
     /// Probability that it is right.
     pub fn probability(&self) -> f64 {
         self.evidence.probability.unwrap_or(0.0)
@@ -46,8 +54,6 @@ pub struct Verifier<'a> {
     pub settings: &'a SurfaceVerification,
     /// τ, metres.
     pub radius_m: f64,
-    /// Whether viewpoints are reliable: [`probability::viewpoints_are_reliable`].
-    pub viewpoints_reliable: bool,
 }
 
 impl Verifier<'_> {
@@ -162,7 +168,7 @@ impl Verifier<'_> {
         let inliers = inliers.max(matches.count(a_from_b, self.radius_m));
         let coarse_check =
             self.evidence_of(&surface_fit(a, b, a_from_b, stride), a_from_b, matches, (inliers, 0));
-        let p = probability::probability(&coarse_check, self.settings, self.viewpoints_reliable);
+        let p = probability::probability(&coarse_check, self.settings);
         probability::with_scan_count_prior(p, self.models.len())
             < HOPELESS[usize::from(a.len() + b.len() > 2)]
     }
@@ -211,15 +217,14 @@ impl Verifier<'_> {
     }
 
     /// Probability that a pose with this evidence is right; 0 with fewer inliers than are needed, and
-    /// at most one half where nothing singles the pose out or viewpoints contradict it.
+    /// at most one half where reliable viewpoints contradict it.
     pub fn probability(&self, evidence: &Evidence) -> f64 {
         if evidence.inliers < self.settings.min_inliers {
             return 0.0;
         }
-        let p = probability::probability(evidence, self.settings, self.viewpoints_reliable);
+        let p = probability::probability(evidence, self.settings);
         let p = probability::with_scan_count_prior(p, self.models.len());
-        let limited = probability::is_undecided(evidence, self.settings)
-            || probability::exceeds_free_space_limit(evidence, self.settings, self.viewpoints_reliable);
+        let limited = probability::exceeds_free_space_limit(evidence, self.settings);
         if limited { p.min(UNDECIDED) } else { p }
     }
 
@@ -237,7 +242,7 @@ impl Verifier<'_> {
         let fit = surface_fit(a, b, a_from_b, stride);
         let mut evidence = self.evidence_of(&fit, a_from_b, matches, agreeing);
         evidence.probability = Some(self.probability(&evidence));
-        ScoredHypothesis { a_from_b: *a_from_b, evidence }
+        ScoredHypothesis { a_from_b: *a_from_b, evidence, seen_through: fit.seen_through }
     }
 
     /// What matches and surfaces say of a pose together.
