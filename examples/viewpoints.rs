@@ -10,7 +10,9 @@ use scanweave::registration::{Posed, ScanModel, surface_fit};
 use scanweave::scan::{PointCloud, Surface};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    println!("scene, viewpoints, pairs, normals agree (mean), pairs below .8, violation (median), above .125, confidence (median)");
+    println!(
+        "scene, viewpoints, pairs, normals agree (mean), pairs below .8, violation (median), above .125, confidence (median)"
+    );
     for folder in std::env::args().skip(1) {
         let scene = scanweave::io::dataset::read_scene(&folder)?;
         let truth = scene.world_from_scan.ok_or(format!("{folder}: no true poses"))?.value;
@@ -63,9 +65,14 @@ fn report(
                 for &p in &models[j].sample {
                     let place = mover.point(&surfaces[j].points[p as usize]);
                     if let Some(q) = models[i].near(&place, radius_m) {
-                        let dot = surfaces[i].normals[q].dot(&mover.direction(&surfaces[j].normals[p as usize]));
-                        if dot > 0.7 { same += 1 }
-                        if dot < -0.7 { other += 1 }
+                        let dot =
+                            surfaces[i].normals[q].dot(&mover.direction(&surfaces[j].normals[p as usize]));
+                        if dot > 0.7 {
+                            same += 1
+                        }
+                        if dot < -0.7 {
+                            other += 1
+                        }
                     }
                 }
                 let share = f64::from(same) / f64::from((same + other).max(1));
@@ -92,8 +99,14 @@ fn report(
         median(surfaces.iter().map(|s| f64::from(s.viewpoint_confidence)).collect()),
     );
     if std::env::var("WORST").is_ok() {
-        for (s, (sum, count)) in of_scan.iter().enumerate().filter(|(_, x)| x.1 > 0 && x.0 / (x.1 as f64) < 0.7) {
-            println!("  scan {s}: {:.2} over {count} pairs, confidence {:.3}", sum / *count as f64, surfaces[s].viewpoint_confidence);
+        for (s, (sum, count)) in
+            of_scan.iter().enumerate().filter(|(_, x)| x.1 > 0 && x.0 / (x.1 as f64) < 0.7)
+        {
+            println!(
+                "  scan {s}: {:.2} over {count} pairs, confidence {:.3}",
+                sum / *count as f64,
+                surfaces[s].viewpoint_confidence
+            );
         }
     }
 }

@@ -107,8 +107,7 @@ impl<'a> Data<'a> {
         let local_from_points: Vec<RigidMotion> =
             points.map(|(frame, cloud)| frame.inverse() * cloud.file_from_points()).collect();
         let surfaces = (input.surfaces, input.frames, local_from_points.as_slice());
-        let residuals =
-            agreement::residuals(input.poses, surfaces, &shown, run.scale.inlier_radius_m as f32);
+        let residuals = agreement::residuals(input.poses, surfaces, &shown, run.scale.inlier_radius_m as f32);
         let scans = input.poses.scans.iter().enumerate().map(|(i, entry)| ScanData {
             name: &entry.name,
             file: entry.file.as_deref(),

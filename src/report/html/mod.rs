@@ -13,8 +13,8 @@ pub use points::{MOST_POINTS, PointSource};
 pub use wording::headline;
 
 use super::markup::{escaped, filled};
-use crate::geometry::RigidMotion;
 use crate::evaluation::pose_error::PoseReport;
+use crate::geometry::RigidMotion;
 use crate::result::poses::Document;
 use crate::result::run::RunReport;
 use crate::scan::{PointCloud, SimilarityMatrix, Surface};
@@ -58,7 +58,9 @@ pub fn page(input: &Input<'_>) -> Result<String> {
     if lengths.iter().any(|&length| length != n) {
         return Err(Error::input(
             "report.html",
-            format!("{n} poses for {lengths:?} clouds, sources, surfaces, frames, rows of evidence and similarities"),
+            format!(
+                "{n} poses for {lengths:?} clouds, sources, surfaces, frames, rows of evidence and similarities"
+            ),
             "one of each a scan",
             "make the report from the files of one run",
         ));

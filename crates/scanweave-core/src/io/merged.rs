@@ -46,7 +46,8 @@ mod tests {
         let colors = [[1, 2, 3], [4, 5, 6], [7, 8, 9], [10, 11, 12]];
         // Beyond 10 000, where coordinates would be taken for georeferenced ones.
         let scans = [0, 20_001, 20_002, 20_001];
-        let cloud = PlyCloud { points: &points, colors: Some(&colors), scans: Some(&scans), ..PlyCloud::default() };
+        let cloud =
+            PlyCloud { points: &points, colors: Some(&colors), scans: Some(&scans), ..PlyCloud::default() };
         write_ply(&path, &cloud).unwrap();
         let (read, numbers) = read_merged(&path).unwrap();
         assert_eq!((read.points, read.colors), (points.clone(), Some(colors.to_vec())));

@@ -135,7 +135,8 @@ impl Elements {
         if points.is_empty() {
             return None;
         }
-        let middle = points.iter().map(|p| p.coords.cast::<f64>()).sum::<Vector3<f64>>() / points.len() as f64;
+        let middle =
+            points.iter().map(|p| p.coords.cast::<f64>()).sum::<Vector3<f64>>() / points.len() as f64;
         let centre = Point::from(middle.cast::<f32>());
         let mut away: Vec<f32> = points.iter().map(|p| (p - centre).norm()).collect();
         let at = away.len() / 2;
@@ -188,8 +189,7 @@ impl Elements {
     fn judged(&self, viewpoint: Point, scratch: &mut Vec<Seen>) -> (f32, SeenFrom) {
         let hidden_share = self.hidden_share(&viewpoint, scratch);
         let distance = (viewpoint - self.centre).norm() / self.size_m;
-        let against =
-            hidden_share + PER_DISTANCE * distance + PER_OUTSIDE * self.outside_share(&viewpoint);
+        let against = hidden_share + PER_DISTANCE * distance + PER_OUTSIDE * self.outside_share(&viewpoint);
         (against, SeenFrom { viewpoint, hidden_share, confidence: 0.0 })
     }
 
@@ -220,8 +220,7 @@ impl Elements {
             let (mut best, mut step) = (*start, STEPS.0);
             while step > STEPS.1 {
                 let around = directions.iter().map(|u| best.1.viewpoint + u * (step * self.size_m));
-                let around =
-                    around.filter(|place| allowed(place)).map(|place| self.judged(place, scratch));
+                let around = around.filter(|place| allowed(place)).map(|place| self.judged(place, scratch));
                 match around.min_by(|x, y| x.0.total_cmp(&y.0)) {
                     Some(better) if better.0 < best.0 => best = better,
                     _ => step /= 2.0,
@@ -272,7 +271,8 @@ impl Elements {
             // Where the line of sight meets the plane of the element in front: a floor seen at a low
             // angle does not hide itself.
             let normal = &self.normals[at as usize];
-            let (along, off) = (normal.dot(&seen.direction), normal.dot(&(self.points[at as usize] - viewpoint)));
+            let (along, off) =
+                (normal.dot(&seen.direction), normal.dot(&(self.points[at as usize] - viewpoint)));
             let met = if along == 0.0 { first } else { off / along };
             met.clamp(first - behind, first + behind) < seen.distance - behind
         };
@@ -302,7 +302,8 @@ fn cell_of(away: &Vector3<f32>, cells: usize) -> usize {
 
 /// Unit vectors to the faces, edges and corners of a cube.
 fn directions() -> Vec<Vector3<f32>> {
-    let grid = (0..27).map(|k| Vector3::new((k % 3) as f32, (k / 3 % 3) as f32, (k / 9) as f32).add_scalar(-1.0));
+    let grid =
+        (0..27).map(|k| Vector3::new((k % 3) as f32, (k / 3 % 3) as f32, (k / 9) as f32).add_scalar(-1.0));
     grid.filter_map(|d| d.try_normalize(0.5)).collect()
 }
 
@@ -414,4 +415,3 @@ mod tests {
         assert_eq!(ViewpointStudy::decide(&[ViewpointStudy::new(&[], &[], None, zero)])[0].hidden_share, 0.0);
     }
 }
-

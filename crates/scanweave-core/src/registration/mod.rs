@@ -69,10 +69,9 @@ pub fn register(
         (Strategy::Incremental(settings), _) => {
             incremental::register(scans, similarity, config, settings, lengths, seed, monitor)
         }
-        (Strategy::Agglomerative(_), None) => Err(config::needs_surfaces(
-            "registration.strategy.kind",
-            "agglomerative",
-        )),
+        (Strategy::Agglomerative(_), None) => {
+            Err(config::needs_surfaces("registration.strategy.kind", "agglomerative"))
+        }
     };
     Ok(order.restore(reconstruction?))
 }

@@ -1,9 +1,9 @@
 //! All placed scans of a component as one thinned cloud.
 
 use crate::error::{Error, Result};
-use crate::geometry::{Point, RigidMotion};
 use crate::geometry::rigid::PointMover;
 use crate::geometry::voxel::{VoxelGroups, voxel_of};
+use crate::geometry::{Point, RigidMotion};
 use crate::io::read_merged;
 use crate::scan::assemble::assemble;
 use crate::scan::{Placement, PointCloud, Reconstruction, Scan};
@@ -277,7 +277,8 @@ mod tests {
         let files = ["merged.ply", "merged_1.ply"].map(|n| folder.path().join(n));
         let write = |scans: &[i32], colors: Option<&[[u8; 3]]>| {
             let points = vec![Point::new(-4.0, 7.0, 9.0); scans.len()];
-            let cloud = crate::io::PlyCloud { points: &points, scans: Some(scans), colors, ..Default::default() };
+            let cloud =
+                crate::io::PlyCloud { points: &points, scans: Some(scans), colors, ..Default::default() };
             crate::io::write_ply(&files[0], &cloud).unwrap();
         };
         write(&[2, 0, 2], Some(&[[1; 3], [2; 3], [3; 3]]));

@@ -131,7 +131,10 @@ mod tests {
         assert_eq!(scan.cloud.colors, Some(vec![[1, 2, 3], [7, 8, 9]]));
         let back = |p: &Point| p.coords.cast::<f64>() + scan.cloud.origin_m;
         assert!((back(&scan.cloud.points[0]) - Vector3::from(points[0])).amax() < 1e-5);
-        assert!((back(&scan.cloud.viewpoint.unwrap()) - Vector3::new(431_240.0, 5_812_340.0, 103.0)).amax() < 1e-5);
+        assert!(
+            (back(&scan.cloud.viewpoint.unwrap()) - Vector3::new(431_240.0, 5_812_340.0, 103.0)).amax()
+                < 1e-5
+        );
         let error = Scan::from_colored_points("a", &points, &colors[..2]).unwrap_err().to_string();
         assert!(error.contains("colours of scan a: found 2, expected one for each of 3 points"), "{error}");
     }

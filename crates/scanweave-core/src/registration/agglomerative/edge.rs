@@ -122,9 +122,7 @@ impl Agglomeration<'_> {
             // Two scans alone: the evidence between them is what their registration found.
             let pair = &self.pairs[*only];
             let i_in_a = of(ca, pair.i).is_some();
-            let turned = pair.hypotheses.iter().map(|h| {
-                (if i_in_a { *h } else { h.turned() }, *only)
-            });
+            let turned = pair.hypotheses.iter().map(|h| (if i_in_a { *h } else { h.turned() }, *only));
             edge.scored = Some(turned.collect());
         }
         edge

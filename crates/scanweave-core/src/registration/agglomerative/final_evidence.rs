@@ -5,6 +5,7 @@ use super::trial::REFUTED_RIVAL;
 use crate::geometry::RigidMotion;
 use crate::geometry::rigid::same_motion;
 use crate::registration::agglomerative::pairs::ScanPair;
+use crate::registration::verification::probability;
 use crate::registration::verification::verifier::{RIVAL, ScoredHypothesis, fit_stride};
 use crate::scan::{Evidence, PoseUncertainty, ScanId};
 use rayon::prelude::*;
@@ -90,7 +91,7 @@ impl Agglomeration<'_> {
             elsewhere.into_iter().partition(|m| CONTENDER * matches.count(m, radius_m) >= here.len());
         let others: Vec<ScoredHypothesis> = self
             .verifier
-            .score(&group, &single, &contenders, &matches)
+            .score_each(&group, &single, &contenders, &matches)
             .into_iter()
             .filter(|o| !same(&o.a_from_b, &pose))
             .collect();
@@ -102,16 +103,22 @@ impl Agglomeration<'_> {
             .collect();
         let second_best_inliers =
             self.verifier.second_best_inliers(&matches, &pose, there.iter().map(Vec::as_slice));
-        let refuted = if self.tried_out.contains(&scan) { REFUTED_RIVAL } else { 1 };
-        let second_best_inliers = second_best_inliers.div_ceil(refuted);
-        self.verifier.measure(
+        let tried_out = self.tried_out.contains(&scan);
+        let second_best_inliers = second_best_inliers.div_ceil(if tried_out { REFUTED_RIVAL } else { 1 });
+        let mut scored = self.verifier.measure(
             &group,
             &single,
             &pose,
             &matches,
             (here.len(), second_best_inliers),
             fit_stride(&group, &single),
-        )
+        );
+        if !tried_out {
+            let rivals = others.iter().map(ScoredHypothesis::probability);
+            let among = probability::among_rivals(scored.probability(), rivals);
+            scored.evidence.probability = Some(among);
+        }
+        scored
     }
 
     /// The finished components, each with the final evidence of every member and how firmly it is held;

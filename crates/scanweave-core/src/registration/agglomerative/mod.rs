@@ -71,7 +71,8 @@ pub(super) fn register(
     let verifier = Verifier { models: &models, settings: verification, radius_m };
     let mut pairs = scorer.register(&retrieved, &verifier, monitor)?;
     // 2
-    let sure = pairs.iter().filter_map(|pair| pair.if_sure_without_free_space(verification)).collect::<Vec<_>>();
+    let sure =
+        pairs.iter().filter_map(|pair| pair.if_sure_without_free_space(verification)).collect::<Vec<_>>();
     let reliability = probability::viewpoint_reliability(scans.len(), &sure, verification);
     models.iter_mut().zip(reliability).for_each(|(model, r)| model.set_borne_out(r));
     let reliability: Vec<f64> = models.iter().map(|m| m.viewpoint_reliability).collect();

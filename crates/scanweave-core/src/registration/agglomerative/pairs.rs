@@ -5,11 +5,11 @@ use crate::error::Result;
 use crate::geometry::RigidMotion;
 use crate::monitor::Monitor;
 use crate::registration::config::EstimatorConfig;
+use crate::registration::config::SurfaceVerification;
 use crate::registration::input::{ContentDigest, ScanInput};
 use crate::registration::pairwise::correspondences::Correspondences;
 use crate::registration::pairwise::matching::MatchTarget;
 use crate::registration::pairwise::registrar::{PairHypotheses, PairRegistrar};
-use crate::registration::config::SurfaceVerification;
 use crate::registration::verification::probability::{self, SurePair};
 use crate::registration::verification::surface_fit::{Posed, violation};
 use crate::registration::verification::verifier::{ScoredHypothesis, Verifier};
@@ -48,6 +48,7 @@ impl ScanPair {
             h.evidence.free_space_violation = violation(violating, 0.5 * (of_i + of_j));
             h.evidence.probability = Some(verifier.probability(&h.evidence));
         }
+        verifier.compete(&mut self.hypotheses);
         self.hypotheses.sort_by(|x, y| y.probability().total_cmp(&x.probability()));
     }
 }

@@ -208,10 +208,7 @@ impl<'a> Growth<'a> {
             return self.attempt(scan, RigidMotion::identity(), evidence, 0.0, None);
         };
         let (residual_m, parent) = self.inlier_summary(&candidate.matches, &world_from_scan, meta);
-        Attempt {
-            seen_through,
-            ..self.attempt(scan, world_from_scan, evidence, residual_m, parent)
-        }
+        Attempt { seen_through, ..self.attempt(scan, world_from_scan, evidence, residual_m, parent) }
     }
 
     /// Scores the hypotheses of a candidate against the component.

@@ -141,6 +141,15 @@ pub fn with_scan_count_prior(probability: f64, scans: usize) -> f64 {
     if odds.is_finite() { odds / (1.0 + odds) } else { probability }
 }
 
+/// Probability of a pose that is right with `alone` if no other is, where others of which the same is
+/// known contradict it: at most one of them is right, so that the odds of all share what there is.
+pub fn among_rivals(alone: f64, rivals: impl Iterator<Item = f64>) -> f64 {
+    // An odds of ten to the fifteen tells no more than the last digit of a double.
+    let odds = |p: f64| p / (1.0 - p).max(1e-15);
+    let own = odds(alone);
+    own / (1.0 + own + rivals.map(odds).sum::<f64>())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -153,6 +162,15 @@ mod tests {
         // 9 : 1 among sixty are 9 : 10 among six hundred.
         assert_relative_eq!(with_scan_count_prior(0.9, 600), 9.0 / 19.0);
         assert_eq!([with_scan_count_prior(0.0, 600), with_scan_count_prior(1.0, 600)], [0.0, 1.0]);
+    }
+
+    #[test]
+    fn rivals_share_the_odds() {
+        assert_relative_eq!(among_rivals(0.9, [].into_iter()), 0.9);
+        // 9 : 1 for either: 9/19 each, and 1/19 for neither.
+        assert_relative_eq!(among_rivals(0.9, [0.9].into_iter()), 9.0 / 19.0);
+        assert_relative_eq!(among_rivals(0.99, [0.5, 0.0].into_iter()), 99.0 / 101.0, epsilon = 1e-12);
+        assert_relative_eq!(among_rivals(1.0, [1.0].into_iter()), 0.5, epsilon = 1e-9);
     }
 
     #[test]
@@ -178,9 +196,8 @@ mod tests {
         assert!(probability(&Evidence { plane_residual: 0.6, ..base }, &settings) < p);
         assert!(probability(&Evidence { overlap: 0.1, ..base }, &settings) < p);
         assert!(probability(&Evidence { free_space_violation: 0.2, ..base }, &settings) < p);
-        let seen = |free_space_violation: f64| {
-            probability(&Evidence { free_space_violation, ..base }, &settings)
-        };
+        let seen =
+            |free_space_violation: f64| probability(&Evidence { free_space_violation, ..base }, &settings);
         assert!(seen(0.6) < seen(0.3) && seen(0.3) < seen(0.2));
         assert!(probability(&Evidence { localizability: 0.0, ..base }, &settings) < p);
     }
@@ -236,11 +253,7 @@ mod tests {
             - 2.0 * 0.11f64.ln()
             + 0.5 * 0.05f64.ln()
             - 3.0 * 0.12f64.ln();
-        assert_relative_eq!(
-            probability(&evidence, &settings),
-            1.0 / (1.0 + (-score).exp()),
-            epsilon = 1e-12
-        );
+        assert_relative_eq!(probability(&evidence, &settings), 1.0 / (1.0 + (-score).exp()), epsilon = 1e-12);
     }
 
     /// What is switched off has no say at all, neither as a weighted term nor as a limit.
@@ -258,8 +271,8 @@ mod tests {
             ..Evidence::default()
         };
         let varied = |evidence: [Evidence; 2], settings: &SurfaceVerification| {
-            let judged = evidence
-                .map(|e| (probability(&e, settings), exceeds_free_space_limit(&e, settings)));
+            let judged =
+                evidence.map(|e| (probability(&e, settings), exceeds_free_space_limit(&e, settings)));
             judged[0] != judged[1]
         };
         let seen_through = [base, Evidence { free_space_violation: 0.5, ..base }];

@@ -354,7 +354,8 @@ mod tests {
 
     /// Three mutually perpendicular walls, 2 m wide, every 2.5 cm, seen from inside.
     fn corner() -> Surface {
-        let mut surface = Surface { viewpoint: Point::new(1.5, 1.5, 1.5), viewpoint_confidence: 1.0, ..Surface::default() };
+        let mut surface =
+            Surface { viewpoint: Point::new(1.5, 1.5, 1.5), viewpoint_confidence: 1.0, ..Surface::default() };
         for i in 0..6400 {
             let (u, v) = ((i % 80) as f32 * 0.025, (i / 80) as f32 * 0.025);
             surface.points.extend([[u, v, 0.0], [u, 0.0, v], [0.0, u, v]].map(Point::from));

@@ -59,10 +59,32 @@ pub struct Verifier<'a> {
 impl Verifier<'_> {
     /// Aligns every proposed motion of group `b` to group `a`, drops repetitions, and measures
     /// the evidence for the first [`SurfaceVerification::hypotheses`] that are left, most inliers
-    /// first. Most probable first.
+    /// first. Most probable first; at most one of them is right, and their probabilities say so.
     ///
     /// `matches` pairs points of `b` (sources) with points of `a` (targets), in the groups' frames.
     pub fn score(
+        &self,
+        a: &[Posed<'_>],
+        b: &[Posed<'_>],
+        proposals: &[RigidMotion],
+        matches: &Correspondences,
+    ) -> Vec<ScoredHypothesis> {
+        let mut scored = self.score_each(a, b, proposals, matches);
+        self.compete(&mut scored);
+        scored
+    }
+
+    /// Turns probabilities that hypotheses have each alone into those among each other.
+    pub fn compete(&self, scored: &mut [ScoredHypothesis]) {
+        let each: Vec<f64> = scored.iter().map(ScoredHypothesis::probability).collect();
+        for (at, hypothesis) in scored.iter_mut().enumerate() {
+            let rivals = each.iter().enumerate().filter(|r| r.0 != at).map(|r| *r.1);
+            hypothesis.evidence.probability = Some(probability::among_rivals(each[at], rivals));
+        }
+    }
+
+    /// [`Self::score`], each as if there were no other.
+    pub fn score_each(
         &self,
         a: &[Posed<'_>],
         b: &[Posed<'_>],
