@@ -178,7 +178,7 @@ fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Fai
     let radius_m = scene.lengths.inlier_radius_m;
     let models: Vec<ScanModel<'_>> =
         surfaces.par_iter().map(|s| ScanModel::new(s, radius_m as f32, &config.registration)).collect();
-    let verifier = Verifier { models: &models, settings: &settings, radius_m, viewpoints_reliable: true };
+    let verifier = Verifier { models: &models, settings: &settings, radius_m, aliasing: 0.0 };
     let usable: Vec<ScanId> = (0..inputs.len()).map(ScanId).collect();
     let pairs = most_similar_pairs(&similarity, &usable, AgglomerativeConfig::default().neighbours);
     let pairs =
@@ -218,7 +218,7 @@ fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Fai
                 let label =
                     if related { judge(&scored, agglomeration.centre(b), radius_m) } else { Some(false) };
                 if let (Some(right), true) = (label, scored.evidence.inliers >= 3) {
-                    let (x, evidence) = (predictors(&scored.evidence, true), scored.evidence);
+                    let (x, evidence) = (predictors(&scored.evidence), scored.evidence);
                     let sizes = (agglomeration.size(a), agglomeration.size(b));
                     examples.push(Example { x, right, evidence, sizes });
                 }

@@ -26,7 +26,7 @@ pub use pairwise::registrar::{PairHypotheses, PairRegistrar};
 pub use scan_model::{FreeSpace, ScanModel};
 pub use verification::alignment::align;
 pub use verification::probability::{
-    MOST_VIOLATION_OF_CORRECT, SurePair, predictors, probability, viewpoint_reliability,
+    MOST_VIOLATION_OF_CORRECT, SurePair, aliasing, predictors, probability, viewpoint_reliability,
     with_scan_count_prior,
 };
 pub use verification::surface_fit::{Posed, SurfaceFit, surface_fit};

@@ -7,7 +7,8 @@
 //!
 //! ```text
 //! 1  register every scan with the scans most similar to it; score the hypotheses of every pair
-//! 2  find out from the surest pairs how far each viewpoint is reliable; score again
+//! 2  find out from the surest pairs how far each viewpoint is reliable, and from what wrong hypotheses
+//!    look like how much places resemble each other; score again
 //! 3  every usable scan is a component
 //! 4  repeat for every retrieval round:
 //! 4a     make the certain joins, the most probable first
@@ -68,7 +69,7 @@ pub(super) fn register(
     // 1
     let scorer = PairScorer::new(scans, &config.estimator, seed);
     let retrieved = most_similar_pairs(similarity, &usable, settings.neighbours);
-    let verifier = Verifier { models: &models, settings: verification, radius_m };
+    let verifier = Verifier { models: &models, settings: verification, radius_m, aliasing: 0.0 };
     let mut pairs = scorer.register(&retrieved, &verifier, monitor)?;
     // 2
     let sure =
@@ -77,7 +78,11 @@ pub(super) fn register(
     models.iter_mut().zip(reliability).for_each(|(model, r)| model.set_borne_out(r));
     let reliability: Vec<f64> = models.iter().map(|m| m.viewpoint_reliability).collect();
     tracing::debug!("reliability of the viewpoints: {reliability:.2?}");
-    let verifier = Verifier { models: &models, settings: verification, radius_m };
+    let verifier = Verifier { models: &models, settings: verification, radius_m, aliasing: 0.0 };
+    pairs.iter_mut().for_each(|pair| pair.rescore(&verifier));
+    let aliasing = probability::aliasing(pairs.iter().filter_map(|pair| pair.runner_up(&verifier)));
+    tracing::debug!("perceptual aliasing costs {aliasing:.2} of the log odds");
+    let verifier = Verifier { aliasing, ..verifier };
     pairs.iter_mut().for_each(|pair| pair.rescore(&verifier));
     // 3
     let keypoints = scans.iter().map(|s| s.features.keypoints.as_slice()).collect();

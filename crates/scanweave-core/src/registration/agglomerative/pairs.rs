@@ -38,6 +38,14 @@ impl ScanPair {
         sure.then_some(((self.i.0, self.j.0), best.seen_through))
     }
 
+    /// Probability of the second most probable hypothesis, each taken alone: it is as good as always
+    /// wrong.
+    pub fn runner_up(&self, verifier: &Verifier<'_>) -> Option<f64> {
+        let mut alone: Vec<f64> = self.hypotheses.iter().map(|h| verifier.probability(&h.evidence)).collect();
+        alone.sort_by(|x, y| y.total_cmp(x));
+        alone.get(1).copied()
+    }
+
     /// Puts the hypotheses in the order of what the verifier makes of their evidence, as far as the
     /// viewpoints are reliable now.
     pub fn rescore(&mut self, verifier: &Verifier<'_>) {
@@ -46,7 +54,7 @@ impl ScanPair {
             // Points of i count as far as the viewpoint of j is reliable, and the other way round.
             let violating = of_j * h.seen_through[0] + of_i * h.seen_through[1];
             h.evidence.free_space_violation = violation(violating, 0.5 * (of_i + of_j));
-            h.evidence.probability = Some(verifier.probability(&h.evidence));
+            h.evidence.probability = Some(verifier.probability_of_pair(&h.evidence));
         }
         verifier.compete(&mut self.hypotheses);
         self.hypotheses.sort_by(|x, y| y.probability().total_cmp(&x.probability()));

@@ -16,7 +16,7 @@ use rayon::prelude::*;
 /// A proposal is worth a look at the surfaces when it has one in so many of the inliers of the best.
 pub const RIVAL: usize = 8;
 
-/// Probability at most where reliable viewpoints contradict a pose.
+/// Probability at most where reliable viewpoints, or matches of a pair, contradict a pose.
 const UNDECIDED: f64 = 0.5;
 
 /// A possible relative pose, with what speaks for it.
@@ -54,6 +54,8 @@ pub struct Verifier<'a> {
     pub settings: &'a SurfaceVerification,
     /// τ, metres.
     pub radius_m: f64,
+    /// What perceptual aliasing costs of the log odds: [`probability::aliasing`].
+    pub aliasing: f64,
 }
 
 impl Verifier<'_> {
@@ -246,8 +248,16 @@ impl Verifier<'_> {
         }
         let p = probability::probability(evidence, self.settings);
         let p = probability::with_scan_count_prior(p, self.models.len());
+        let p = probability::with_aliasing(p, self.aliasing);
         let limited = probability::exceeds_free_space_limit(evidence, self.settings);
         if limited { p.min(UNDECIDED) } else { p }
+    }
+
+    /// [`Self::probability`] of a pose of two scans alone: at most one half where another pose has more of
+    /// their matches. What has grown is told apart by more than these.
+    pub fn probability_of_pair(&self, evidence: &Evidence) -> f64 {
+        let p = self.probability(evidence);
+        if evidence.inliers < evidence.second_best_inliers { p.min(UNDECIDED) } else { p }
     }
 
     /// The evidence for one motion, which is not changed, with as many of the matches in agreement with
@@ -263,7 +273,9 @@ impl Verifier<'_> {
     ) -> ScoredHypothesis {
         let fit = surface_fit(a, b, a_from_b, stride);
         let mut evidence = self.evidence_of(&fit, a_from_b, matches, agreeing);
-        evidence.probability = Some(self.probability(&evidence));
+        let alone = a.len() + b.len() <= 2;
+        let p = if alone { self.probability_of_pair(&evidence) } else { self.probability(&evidence) };
+        evidence.probability = Some(p);
         ScoredHypothesis { a_from_b: *a_from_b, evidence, seen_through: fit.seen_through }
     }
 
