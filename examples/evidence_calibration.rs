@@ -137,6 +137,8 @@ fn read(folder: &str, given: Option<&Path>, keypoints: usize) -> Result<Scene, F
     let source = read.as_deref().map_or(FeatureSource::Computed, FeatureSource::Given);
     let described = pipeline::describe(&scans, &config, &source, &Silent)?;
     let scale = described.scale;
+    // Of the frames that surfaces and features are in.
+    let truth: Vec<RigidMotion> = truth.iter().zip(&described.frames).map(|(pose, f)| pose * f).collect();
     let views: Vec<&[Point]> = described.surfaces.iter().map(|s| s.points.as_slice()).collect();
     let overlap = overlap_matrix(&views, &truth, scale.inlier_radius_m as f32)?;
     let lengths = Lengths { inlier_radius_m: scale.inlier_radius_m, voxel_m: scale.voxel_m };
@@ -176,9 +178,10 @@ fn compare(scenes: &[Scene], s: usize, count: usize) -> Result<Vec<Example>, Fai
     let settings = SurfaceVerification::default();
     let similarity = similarity_of(&features, &config.retrieval, None, 0, &Silent)?.0;
     let radius_m = scene.lengths.inlier_radius_m;
-    let models: Vec<ScanModel<'_>> =
+    let mut models: Vec<ScanModel<'_>> =
         surfaces.par_iter().map(|s| ScanModel::new(s, radius_m as f32, &config.registration)).collect();
-    let verifier = Verifier { models: &models, settings: &settings, radius_m, aliasing: 0.0 };
+    models.iter_mut().for_each(|model| model.set_borne_out(1.0));
+    let verifier = Verifier::new(&models, &settings, radius_m);
     let usable: Vec<ScanId> = (0..inputs.len()).map(ScanId).collect();
     let pairs = most_similar_pairs(&similarity, &usable, AgglomerativeConfig::default().neighbours);
     let pairs =

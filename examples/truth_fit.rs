@@ -46,8 +46,9 @@ fn scene(folder: &str, list: bool) -> Result<(), Failure> {
     let surfaces: Vec<Surface> =
         clouds.par_iter().map(|c| scanweave::preprocessing::thin(c, &lengths)).collect();
     let radius_m = lengths.inlier_radius_m as f32;
-    let models: Vec<ScanModel<'_>> =
+    let mut models: Vec<ScanModel<'_>> =
         surfaces.par_iter().map(|s| ScanModel::new(s, radius_m, &config.registration)).collect();
+    models.iter_mut().for_each(|model| model.set_borne_out(1.0));
     let points: Vec<&[Point]> = surfaces.iter().map(|s| s.points.as_slice()).collect();
     let overlap = overlap_matrix(&points, &truth, radius_m)?;
     for (name, range) in [("over 0.3", MATCH_OVERLAP), ("0.1 to 0.3", LO_MATCH_OVERLAP)] {

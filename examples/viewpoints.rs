@@ -49,8 +49,10 @@ fn report(
     radius_m: f32,
     config: &Config,
 ) {
-    let models: Vec<ScanModel<'_>> =
+    let mut models: Vec<ScanModel<'_>> =
         surfaces.iter().map(|s| ScanModel::new(s, radius_m, &config.registration)).collect();
+    // Whatever the shape says of its viewpoint: that is what is to be seen.
+    models.iter_mut().for_each(|model| model.viewpoint_reliability = 1.0);
     let posed = |model| [Posed { model, group_from_scan: RigidMotion::identity() }];
     let mut fits = Vec::new();
     let mut of_scan = vec![(0.0, 0usize); surfaces.len()];

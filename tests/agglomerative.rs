@@ -22,7 +22,9 @@ use std::sync::{Mutex, OnceLock};
 struct TwoPlaces {
     config: Config,
     described: Described,
+    /// True poses of the files' frames, and of the frames that the scans are worked on in.
     world_from_scan: Vec<RigidMotion>,
+    world_from_local: Vec<RigidMotion>,
     first: usize,
 }
 
@@ -44,7 +46,9 @@ fn two_places() -> &'static TwoPlaces {
             (scan.id, scan.name) = (ScanId(k), format!("scan_{k}"));
         }
         let described = pipeline::describe(&scans, &config, &FeatureSource::Computed, &Silent).unwrap();
-        TwoPlaces { config, described, world_from_scan, first }
+        let posed = world_from_scan.iter().zip(&described.frames);
+        let world_from_local = posed.map(|(pose, frame)| pose * frame).collect();
+        TwoPlaces { config, described, world_from_scan, world_from_local, first }
     })
 }
 
@@ -80,6 +84,7 @@ impl TwoPlaces {
     fn register(&self, order: &[usize], config: &Config) -> Reconstruction {
         let mut described = self.described.clone();
         described.surfaces = order.iter().map(|&k| self.described.surfaces[k].clone()).collect();
+        described.frames = order.iter().map(|&k| self.described.frames[k]).collect();
         described.features = order.iter().map(|&k| self.described.features[k].clone()).collect();
         let mut clock = Stopwatch::default();
         let (similarity, _) = pipeline::predict_overlap(&described, config, &Silent, &mut clock).unwrap();
@@ -160,10 +165,10 @@ fn with_agglomeration<T>(work: impl FnOnce(&Verifier<'_>, Vec<scanweave::registr
         .collect();
     let radius_m = described.scale.inlier_radius_m;
     let config = &places.config.registration;
-    let models: Vec<ScanModel<'_>> =
+    let mut models: Vec<ScanModel<'_>> =
         inputs.iter().map(|i| ScanModel::new(i.surface, radius_m as f32, config)).collect();
-    let verifier =
-        Verifier { models: &models, settings: verification(), radius_m, viewpoints_reliable: true };
+    models.iter_mut().for_each(|model| model.set_borne_out(1.0));
+    let verifier = Verifier::new(&models, verification(), radius_m);
     let n = inputs.len();
     let all: Vec<ScanId> = (0..n).map(ScanId).collect();
     let flat = SimilarityMatrix::new(n, vec![0.5; n * n]).unwrap();
@@ -182,7 +187,7 @@ fn beside<'a>(
     other: &[usize],
 ) -> Agglomeration<'a> {
     let places = two_places();
-    let member = |&k: &usize| (ScanId(k), places.world_from_scan[k]);
+    let member = |&k: &usize| (ScanId(k), places.world_from_local[k]);
     let home = group.iter().chain([&scan]).map(member).collect();
     let groups = vec![home, other.iter().map(member).collect()];
     let mut agglomeration = Agglomeration::of_groups(verifier, settings(), places.keypoints(), groups);
@@ -238,7 +243,7 @@ fn two_halves_join_at_the_true_relative_pose() {
     let places = two_places();
     with_agglomeration(|verifier, pairs| {
         let shifted = RigidMotion::new([2.0, 1.0, -0.5].into(), [0.1, 0.2, 1.0].into());
-        let member = |k: usize, frame: &RigidMotion| (ScanId(k), frame * places.world_from_scan[k]);
+        let member = |k: usize, frame: &RigidMotion| (ScanId(k), frame * places.world_from_local[k]);
         let half = places.first / 2;
         let a = (0..half).map(|k| member(k, &RigidMotion::identity())).collect();
         let b = (half..places.first).map(|k| member(k, &shifted)).collect();
@@ -251,9 +256,9 @@ fn two_halves_join_at_the_true_relative_pose() {
         let finished = agglomeration.finish();
         assert_eq!(finished.len(), 1);
         let members = &finished[0].component.members;
-        let frame = members[0].1 * places.world_from_scan[members[0].0.0].inverse();
+        let frame = members[0].1 * places.world_from_local[members[0].0.0].inverse();
         for (scan, pose) in members {
-            let error = PoseError::between(pose, &(frame * places.world_from_scan[scan.0]));
+            let error = PoseError::between(pose, &(frame * places.world_from_local[scan.0]));
             assert!(error.translation_m < 0.05 && error.rotation_deg < 1.0, "{scan} {error:?}");
         }
     });
@@ -309,8 +314,8 @@ fn a_trial_refutes_a_rival_with_more_matches_that_nothing_makes_fit() {
             let k = (k - half) as f64;
             RigidMotion::new([0.07 * k, -0.05 * k, 0.06 * k].into(), [0.0, 0.0, 0.02 * k].into())
         };
-        let a = (0..half).map(|k| (ScanId(k), places.world_from_scan[k])).collect();
-        let b = (half..places.first).map(|k| (ScanId(k), bent(k) * places.world_from_scan[k])).collect();
+        let a = (0..half).map(|k| (ScanId(k), places.world_from_local[k])).collect();
+        let b = (half..places.first).map(|k| (ScanId(k), bent(k) * places.world_from_local[k])).collect();
         let mut agglomeration = Agglomeration::of_groups(verifier, settings(), keypoints, vec![a, b]);
         agglomeration.add_pairs(pairs);
         let at_once = agglomeration.best_join(&Silent).unwrap().unwrap();
@@ -319,9 +324,9 @@ fn a_trial_refutes_a_rival_with_more_matches_that_nothing_makes_fit() {
         let finished = agglomeration.finish();
         assert_eq!(finished.len(), 1);
         let members = &finished[0].component.members;
-        let frame = members[0].1 * places.world_from_scan[members[0].0.0].inverse();
+        let frame = members[0].1 * places.world_from_local[members[0].0.0].inverse();
         for (scan, pose) in members {
-            let error = PoseError::between(pose, &(frame * places.world_from_scan[scan.0]));
+            let error = PoseError::between(pose, &(frame * places.world_from_local[scan.0]));
             assert!(error.translation_m < 0.1 && error.rotation_deg < 2.0, "{scan} {error:?}");
         }
     });
@@ -334,7 +339,7 @@ fn all_trials_that_suffice_are_made_unless_they_share_a_component() {
         let group = |k: ScanId| k.0 / 2;
         let groups = (0..places.first.div_ceil(2)).map(|g| {
             let scans = (0..places.first).filter(|&k| group(ScanId(k)) == g);
-            scans.map(|k| (ScanId(k), places.world_from_scan[k])).collect()
+            scans.map(|k| (ScanId(k), places.world_from_local[k])).collect()
         });
         let mut agglomeration =
             Agglomeration::of_groups(verifier, settings(), places.keypoints(), groups.collect());
@@ -359,12 +364,10 @@ fn a_pose_that_reliable_viewpoints_see_through_is_left_undecided_whatever_matche
         let seen_through =
             |free_space_violation: f64| Evidence { inliers: 5000, free_space_violation, ..best };
         let settings = verifier.settings;
-        let unreliable = Verifier { viewpoints_reliable: false, ..*verifier };
         assert!(verifier.probability(&seen_through(0.12)) > 0.95);
         // Matches outweigh the free-space violation by far: only the limit lowers the probability.
-        assert!(scanweave::registration::probability(&seen_through(0.13), settings, true) > 0.95);
+        assert!(scanweave::registration::probability(&seen_through(0.13), settings) > 0.95);
         assert_eq!(verifier.probability(&seen_through(0.13)), 0.5);
-        assert!(unreliable.probability(&seen_through(0.13)) > 0.95);
     });
 }
 
@@ -384,7 +387,7 @@ fn after_a_newcomer(
     };
     let mut joining = pair(0, 1);
     let evidence = Evidence { probability: Some(1.0), ..joining.hypotheses[0].evidence };
-    joining.hypotheses = vec![ScoredHypothesis { a_from_b: zero_from_one, evidence }];
+    joining.hypotheses = vec![ScoredHypothesis { a_from_b: zero_from_one, evidence, seen_through: [0.0; 2] }];
     let other = pair(0, 2);
     let alone = |k: usize| vec![(ScanId(k), RigidMotion::identity())];
     let groups = [2, 0, 1].map(alone).to_vec();
@@ -406,7 +409,7 @@ fn after_a_newcomer(
 fn evidence_is_measured_again_where_a_newcomer_touches_it_and_kept_where_it_cannot() {
     let places = two_places();
     with_agglomeration(|verifier, pairs| {
-        let truth = places.world_from_scan[0].inverse() * places.world_from_scan[1];
+        let truth = places.world_from_local[0].inverse() * places.world_from_local[1];
         let [known, alone, anew] = after_a_newcomer(verifier, &pairs, truth);
         assert_eq!(known, anew);
         assert_ne!(known, alone);
@@ -423,8 +426,7 @@ fn of_unrelated<T>(scans: usize, pairs: Vec<ScanPair>, work: impl FnOnce(&mut Ag
     let config = &places.config.registration;
     let surface = &places.described.surfaces[0];
     let models: Vec<ScanModel<'_>> = (0..scans).map(|_| ScanModel::new(surface, 0.07, config)).collect();
-    let verifier =
-        Verifier { models: &models, settings: verification(), radius_m: 0.07, viewpoints_reliable: false };
+    let verifier = Verifier::new(&models, verification(), 0.07);
     let usable: Vec<ScanId> = (0..scans).map(ScanId).collect();
     let mut agglomeration = Agglomeration::new(&verifier, settings(), vec![&[]; scans], &usable);
     agglomeration.add_pairs(pairs);
@@ -572,7 +574,7 @@ fn evidence_is_measured_again_where_a_refinement_moved_scans() {
             let k = k as f64;
             RigidMotion::new([0.02 * k, -0.015 * k, 0.02 * k].into(), [0.0, 0.0, 0.006 * k].into())
         };
-        let group = (0..last).map(|k| (ScanId(k), bent(k) * places.world_from_scan[k])).collect();
+        let group = (0..last).map(|k| (ScanId(k), bent(k) * places.world_from_local[k])).collect();
         let alone = vec![(ScanId(last), RigidMotion::identity())];
         let with = |groups: Vec<Vec<(ScanId, RigidMotion)>>| {
             let mut agglomeration =

@@ -304,7 +304,7 @@ fn pcd_viewpoint_colour_and_nan() {
     let cloud = read("a.pcd", &text);
     assert_eq!(cloud.points, pts(&[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]));
     assert_eq!(cloud.colors, Some(vec![[255, 0, 0], [1, 2, 3]]));
-    assert_eq!((cloud.viewpoint, cloud.dropped_rows), (Point::new(1.0, 2.0, 3.0), 1));
+    assert_eq!((cloud.viewpoint, cloud.dropped_rows), (Some(Point::new(1.0, 2.0, 3.0)), 1));
     // COUNT and POINTS may be missing; CR LF; an integer colour.
     let integer = text.replace("F F F F", "F F F U").replace("COUNT 1 1 1 1\n", "").replace("POINTS 3\n", "");
     let integer = integer

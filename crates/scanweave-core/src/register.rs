@@ -101,7 +101,7 @@ pub fn register_pair(target: &Scan, source: &Scan, config: &Config) -> Result<Re
     }
     let models: Vec<ScanModel<'_>> =
         scans.iter().map(|s| ScanModel::new(s.surface, radius_m as f32, &config.registration)).collect();
-    let verifier = Verifier { models: &models, settings, radius_m, aliasing: 0.0 };
+    let verifier = Verifier::new(&models, settings, radius_m);
     let scorer = PairScorer::new(&scans, &config.registration.estimator, config.seed);
     let found = scorer.register(&[(ScanId(0), ScanId(1))], &verifier, &Silent)?;
     let Some(best) = found.first().and_then(|pair| pair.hypotheses.first()) else {

@@ -69,7 +69,7 @@ pub(super) fn register(
     // 1
     let scorer = PairScorer::new(scans, &config.estimator, seed);
     let retrieved = most_similar_pairs(similarity, &usable, settings.neighbours);
-    let verifier = Verifier { models: &models, settings: verification, radius_m, aliasing: 0.0 };
+    let verifier = Verifier::new(&models, verification, radius_m);
     let mut pairs = scorer.register(&retrieved, &verifier, monitor)?;
     // 2
     let sure =
@@ -78,7 +78,7 @@ pub(super) fn register(
     models.iter_mut().zip(reliability).for_each(|(model, r)| model.set_borne_out(r));
     let reliability: Vec<f64> = models.iter().map(|m| m.viewpoint_reliability).collect();
     tracing::debug!("reliability of the viewpoints: {reliability:.2?}");
-    let verifier = Verifier { models: &models, settings: verification, radius_m, aliasing: 0.0 };
+    let verifier = Verifier::new(&models, verification, radius_m);
     pairs.iter_mut().for_each(|pair| pair.rescore(&verifier));
     let aliasing = probability::aliasing(pairs.iter().filter_map(|pair| pair.runner_up(&verifier)));
     tracing::debug!("perceptual aliasing costs {aliasing:.2} of the log odds");

@@ -280,7 +280,7 @@ mod tests {
         let settings = SurfaceVerification::default();
         let models: Vec<ScanModel<'_>> =
             (0..101).map(|_| ScanModel::with_sizes(&surface, 0.07, 2, 0.14)).collect();
-        let verifier = Verifier { models: &models, settings: &settings, radius_m: 0.07, aliasing: 0.0 };
+        let verifier = Verifier::new(&models, &settings, 0.07);
         let agglomeration = Agglomeration::new(&verifier, &config, vec![&[]; 101], &[]);
         let component = |members: Vec<(ScanId, RigidMotion)>| Component {
             refined_at: members.len(),

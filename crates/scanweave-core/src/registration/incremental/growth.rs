@@ -218,8 +218,7 @@ impl<'a> Growth<'a> {
         scan: ScanId,
         candidate: &Candidate,
     ) -> Option<ScoredHypothesis> {
-        let verifier =
-            Verifier { models: &self.models, settings, radius_m: f64::from(self.radius_m), aliasing: 0.0 };
+        let verifier = Verifier::new(&self.models, settings, f64::from(self.radius_m));
         let motions: Vec<RigidMotion> = candidate.hypotheses.iter().map(|h| h.target_from_source).collect();
         let matches = Correspondences::new(&candidate.matches.source, &candidate.matches.target);
         verifier.score(&self.placed_surfaces(), &[self.alone(scan)], &motions, &matches).into_iter().next()

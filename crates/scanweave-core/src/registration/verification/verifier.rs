@@ -58,7 +58,12 @@ pub struct Verifier<'a> {
     pub aliasing: f64,
 }
 
-impl Verifier<'_> {
+impl<'a> Verifier<'a> {
+    /// A verifier that knows nothing of the collection yet.
+    pub fn new(models: &'a [ScanModel<'a>], settings: &'a SurfaceVerification, radius_m: f64) -> Self {
+        Self { models, settings, radius_m, aliasing: 0.0 }
+    }
+
     /// Aligns every proposed motion of group `b` to group `a`, drops repetitions, and measures
     /// the evidence for the first [`SurfaceVerification::hypotheses`] that are left, most inliers
     /// first. Most probable first; at most one of them is right, and their probabilities say so.
