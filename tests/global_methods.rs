@@ -55,7 +55,8 @@ fn every_method_registers_a_room_and_registers_its_pairs_once() {
         &Silent,
     )
     .unwrap();
-    let given = FeatureSource::Given(&described.features);
+    let features = described.features_of_files(&set.scans);
+    let given = FeatureSource::Given(&features);
     let run = |method: Method, pairs: &PairCache| {
         run_with_pairs(&set.scans, &config(method, GraphKind::Full), &given, pairs, &Silent).unwrap()
     };

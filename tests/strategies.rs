@@ -45,6 +45,7 @@ impl Interior {
     fn register(&self, config: &Config, order: &[usize]) -> Reconstruction {
         let mut described = self.described.clone();
         described.surfaces = order.iter().map(|&k| self.described.surfaces[k].clone()).collect();
+        described.frames = order.iter().map(|&k| self.described.frames[k]).collect();
         described.features = order.iter().map(|&k| self.described.features[k].clone()).collect();
         let mut clock = Stopwatch::default();
         let (similarity, _) = pipeline::predict_overlap(&described, config, &Silent, &mut clock).unwrap();

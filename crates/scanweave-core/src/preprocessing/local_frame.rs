@@ -13,9 +13,9 @@ use rayon::prelude::*;
 
 /// Steps towards the geometric median. Each starts from the mean and is as invariant as the last:
 /// nothing depends on how near they come.
-const MEDIAN_STEPS: usize = 8;
+const MEDIAN_STEPS: usize = 16;
 /// Points that fix the frame at most.
-const MOST_POINTS: usize = 1 << 20;
+const MOST_POINTS: usize = 1 << 18;
 
 /// Scans in their own frames, and `scan_from_local` of each: `scan` are the coordinates of the file.
 pub fn localize(scans: &[Scan]) -> (Vec<Scan>, Vec<RigidMotion>) {

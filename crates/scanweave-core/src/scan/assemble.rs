@@ -73,13 +73,13 @@ mod tests {
         // UTM-like; f32 alone resolves 0.5 m at 5.8e6.
         let rows = [[431_250.123, 5_812_345.678, 101.5], [431_251.124, 5_812_346.679, 102.0]];
         let cloud = assemble(2, |i| rows[i], NO_COLORS, Some([431_250.0, 5_812_345.0, 100.0]));
-        assert_eq!(cloud.origin_m, Vector3::new(431_250.0, 5_812_350.0, 100.0));
+        assert_eq!(cloud.origin_m, Vector3::new(431_300.0, 5_812_300.0, 100.0));
         for (p, row) in cloud.points.iter().zip(rows) {
             let back = p.coords.cast::<f64>() + cloud.origin_m;
             // f32 spacing below 128 m is 7.6e-6 m.
             assert!((back - Vector3::from(row)).amax() < 1e-5, "{back:?}");
         }
-        assert!((cloud.viewpoint.unwrap() - Point::new(0.0, -5.0, 0.0)).norm() < 1e-4);
+        assert!((cloud.viewpoint.unwrap() - Point::new(-50.0, 45.0, 0.0)).norm() < 1e-4);
     }
 
     #[test]

@@ -2,7 +2,8 @@
 
 use super::agglomeration::{Agglomeration, Component, ComponentId};
 use crate::geometry::RigidMotion;
-use crate::registration::verification::verifier::ScoredHypothesis;
+use crate::registration::verification::probability;
+use crate::registration::verification::verifier::{ScoredHypothesis, UNDECIDED};
 use crate::scan::{Evidence, ScanId};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -62,6 +63,8 @@ impl Agglomeration<'_> {
         }
         tracing::debug!("scan {scan} has another component's place as well, {evidence:?} and {there:?}");
         let evidence = with_rival(&evidence, &there);
-        Evidence { probability: Some(self.verifier.probability(&evidence)), ..evidence }
+        let alone = self.verifier.probability(&evidence);
+        let among = probability::among_rivals(alone, [rival.probability()].into_iter());
+        Evidence { probability: Some(among.min(UNDECIDED)), ..evidence }
     }
 }

@@ -62,7 +62,7 @@ pub fn viewpoint_reliability(scans: usize, sure: &[SurePair], settings: &Surface
     }
     let median = |violations: &mut Vec<f64>| {
         violations.sort_by(f64::total_cmp);
-        violations.get(violations.len() / 2).copied()
+        violations.get(violations.len().saturating_sub(1) / 2).copied()
     };
     let mut of_scan: Vec<Vec<f64>> = vec![Vec::new(); scans];
     for &((i, j), [of_i_seen_by_j, of_j_seen_by_i]) in sure {

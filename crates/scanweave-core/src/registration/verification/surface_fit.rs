@@ -400,7 +400,8 @@ mod tests {
         // floor (all but what lies beyond its edge as seen from above); the lower one lies behind.
         let fit = between(&floor(), &floor(), &RigidMotion::translation(0.0, 0.0, 0.4));
         assert_eq!(fit.overlap, 0.0);
-        assert_relative_eq!(fit.free_space_violation, 1.0);
+        // Nothing touches: one point that did would be the rest.
+        assert!(fit.free_space_violation > 0.998, "{fit:?}");
         let apart = between(&floor(), &floor(), &RigidMotion::translation(0.0, 0.0, -20.0));
         assert_eq!(apart.free_space_violation, 0.0);
     }

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 pub const RIVAL: usize = 8;
 
 /// Probability at most where reliable viewpoints, or matches of a pair, contradict a pose.
-const UNDECIDED: f64 = 0.5;
+pub const UNDECIDED: f64 = 0.5;
 
 /// A possible relative pose, with what speaks for it.
 #[derive(Debug, Clone, Copy, PartialEq)]
