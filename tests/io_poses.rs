@@ -345,3 +345,31 @@ fn sghr_folders_with_indices_or_points() {
     assert_eq!(read_sghr(dir.path(), "yoho", 7, &cloud()).unwrap().keypoints, expected);
     assert!(read_sghr(dir.path(), "fcgf", 7, &cloud()).unwrap_err().to_string().contains("fcgf_desc"));
 }
+
+#[test]
+fn one_table_of_poses_by_file_name_is_a_truth_and_one_that_lacks_a_scan_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let scans = folder.path().join("scans");
+    std::fs::create_dir(&scans).unwrap();
+    for name in ["b_2.xyz", "b_10.xyz"] {
+        std::fs::write(scans.join(name), "0 0 0\n1 0 0\n0 1 0\n").unwrap();
+    }
+    let quarter = "[[0,-1,0,1],[1,0,0,2],[0,0,1,3],[0,0,0,1]]";
+    let one = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";
+    let truth = folder.path().join("truth.json");
+    let read = |text: &str| {
+        std::fs::write(&truth, text).unwrap();
+        scanweave::io::dataset::read_scene(folder.path())
+    };
+    let scene = read(&format!("{{\"b_10.xyz\": {quarter}, \"b_2.xyz\": {one}}}")).unwrap();
+    let poses = scene.world_from_scan.unwrap().value;
+    // In the order of the scans: 2 before 10. A quarter turn about z takes x to y.
+    assert_eq!(poses[0], RigidMotion::identity());
+    let moved = poses[1] * nalgebra::Point3::new(1.0, 0.0, 0.0);
+    assert!((moved - nalgebra::Point3::new(1.0, 3.0, 3.0)).norm() < 1e-12);
+    let lacking = read(&format!("{{\"b_2.xyz\": {one}}}")).unwrap_err().to_string();
+    assert!(lacking.contains("truth.json") && lacking.contains("no pose of b_10.xyz"), "{lacking}");
+    let mirrored = read(&format!("{{\"b_2.xyz\": {one}, \"b_10.xyz\": {}}}", one.replacen('1', "-1", 1)));
+    assert!(mirrored.unwrap_err().to_string().contains("no rigid motion"));
+    assert!(read("[1, 2]").unwrap_err().to_string().contains("a table from file names"));
+}

@@ -117,7 +117,7 @@ pub fn look_into(
     recalls: &BTreeMap<String, RecallReport>,
 ) -> Result<Diagnosis, Error> {
     let Some(poses) = &truth.world_from_scan else {
-        let expected = "a pose file beside each scan, poses/, poses.txt or one .conf";
+        let expected = "truth.json, a pose file beside each scan, poses/, poses.txt or one .conf";
         return Err(Error::file(folder, "scans without true poses", expected, "name another folder"));
     };
     let scans = io::read_scans(&io::scan_files(folder)?, &Silent)?;

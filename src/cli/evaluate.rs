@@ -177,7 +177,7 @@ fn true_poses(scene: &io::dataset::Scene, folder: &Path) -> Result<BTreeMap<Stri
         return Err(Error::file(
             folder,
             "scans without true poses",
-            "a pose file beside each scan, poses/, poses.txt or one .conf",
+            "truth.json, a pose file beside each scan, poses/, poses.txt or one .conf",
             "see `scanweave evaluate --help` for the layouts",
         ));
     };

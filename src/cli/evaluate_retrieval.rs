@@ -84,7 +84,7 @@ fn scene_rows(
 ) -> anyhow::Result<Vec<Row>> {
     let scene = io::dataset::read_scene(folder)?;
     let Some(truth) = &scene.world_from_scan else {
-        let expected = "a pose file beside each scan, poses/, poses.txt or one .conf";
+        let expected = "truth.json, a pose file beside each scan, poses/, poses.txt or one .conf";
         return Err(Error::file(folder, "scans without true poses", expected, "name another folder").into());
     };
     let scans = io::read_scans(&scene.scans, monitor)?;

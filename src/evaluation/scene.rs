@@ -94,7 +94,7 @@ impl SceneTruth {
             return Err(Error::file(
                 folder,
                 "scans without true poses",
-                "a pose file beside each scan, poses/, poses.txt, one .conf, or a gt.log that connects all scans",
+                "truth.json, a pose file beside each scan, poses/, poses.txt, one .conf, or a gt.log that connects all scans",
                 "add the poses, or choose another protocol",
             ));
         }

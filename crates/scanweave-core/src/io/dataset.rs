@@ -4,7 +4,10 @@ use super::discover::scan_files;
 use super::poses::{self, Repaired};
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
+use crate::geometry::rigid::motion_from_matrix;
 use crate::scan::{PairTruth, ScanId};
+use nalgebra::Matrix4;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// A folder of scans, with true poses where it has them.
@@ -28,7 +31,7 @@ impl Scene {
             Error::file(
                 folder,
                 "scans without true poses",
-                "a pose file beside each scan, poses/, poses.txt or one .conf",
+                "truth.json, a pose file beside each scan, poses/, poses.txt or one .conf",
                 "add the poses or leave the folder out",
             )
         })
@@ -53,7 +56,9 @@ fn stem(path: &Path) -> String {
     name.strip_suffix(".depth").map_or(name.clone(), str::to_owned)
 }
 
-/// Reads a scene folder: its scans as [`scan_files`] finds them, and true poses from, in this order,
+/// Reads a scene folder: its scans as [`scan_files`] finds them, or those of `scans/` beside a
+/// `truth.json`, and true poses from, in this order,
+/// - `truth.json`, from the file name of every scan to its 4×4 `world_from_scan`, row by row,
 /// - `<stem>.info.txt` beside each scan (3DMatch), `<stem>.pose.txt` (7-Scenes),
 /// - one `.conf` with `bmesh` lines (Stanford),
 /// - `poses/pose<number>.txt` (facade), or `poses.txt` with one matrix for each scan in order.
@@ -63,8 +68,15 @@ fn stem(path: &Path) -> String {
 /// or a pose is no rigid motion.
 pub fn read_scene(dir: impl AsRef<Path>) -> Result<Scene> {
     let dir = dir.as_ref();
-    let scans = scan_files(dir)?;
-    let truth = match beside(&scans, "info.txt")? {
+    let inside = dir.join("scans");
+    let in_one_file = dir.join("truth.json").is_file();
+    let scans = scan_files(if in_one_file && inside.is_dir() { &inside } else { dir })?;
+    let truth = if in_one_file { Some(from_json(&dir.join("truth.json"), &scans)?) } else { None };
+    let truth = match truth {
+        Some(truth) => Some(truth),
+        None => beside(&scans, "info.txt")?,
+    };
+    let truth = match truth {
         Some(truth) => Some(truth),
         None => beside(&scans, "pose.txt")?,
     };
@@ -104,6 +116,32 @@ fn each(scans: &[PathBuf], file_of: impl Fn(&Path) -> PathBuf) -> Result<Option<
         result.value.push(pose.value);
     }
     Ok(Some(result))
+}
+
+/// One file of all poses by the file names of their scans.
+fn from_json(path: &Path, scans: &[PathBuf]) -> Result<Repaired<Vec<RigidMotion>>> {
+    /// How far a rotation may be from orthonormal, as in other pose files.
+    const TOLERANCE: f64 = poses::ORTHONORMAL_TOLERANCE;
+    let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+    let expected = "a table from file names to 4×4 matrices, row by row";
+    let poses: BTreeMap<String, [[f64; 4]; 4]> = serde_json::from_str(&text)
+        .map_err(|e| Error::file(path, format!("text that does not fit ({e})"), expected, "correct it"))?;
+    let mut result = Repaired { value: Vec::with_capacity(scans.len()), deviation: 0.0f64 };
+    for scan in scans {
+        let name = scan.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let Some(rows) = poses.get(&name) else {
+            let remedy = "add it, or remove the scan from the folder";
+            return Err(Error::file(path, format!("no pose of {name}"), "a pose for every scan", remedy));
+        };
+        let matrix = Matrix4::from_fn(|r, c| rows[r][c]);
+        let Some((pose, deviation)) = motion_from_matrix(&matrix, TOLERANCE) else {
+            let found = format!("a matrix of {name} that is no rigid motion");
+            return Err(Error::file(path, found, "a rotation and a translation", "correct it"));
+        };
+        result.deviation = result.deviation.max(deviation);
+        result.value.push(pose);
+    }
+    Ok(result)
 }
 
 fn beside(scans: &[PathBuf], suffix: &str) -> Result<Option<Repaired<Vec<RigidMotion>>>> {
