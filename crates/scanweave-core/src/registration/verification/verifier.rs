@@ -276,7 +276,11 @@ impl<'a> Verifier<'a> {
         agreeing: (usize, usize),
         stride: usize,
     ) -> ScoredHypothesis {
-        let fit = surface_fit(a, b, a_from_b, stride);
+        let mut fit = surface_fit(a, b, a_from_b, stride);
+        if fit.free_space_violation > probability::MOST_VIOLATION_OF_CORRECT {
+            let within = violation_within(a, stride).max(violation_within(b, stride));
+            fit.free_space_violation = (fit.free_space_violation - within).max(0.0);
+        }
         let mut evidence = self.evidence_of(&fit, a_from_b, matches, agreeing);
         let alone = a.len() + b.len() <= 2;
         let p = if alone { self.probability_of_pair(&evidence) } else { self.probability(&evidence) };
@@ -310,6 +314,16 @@ impl<'a> Verifier<'a> {
     fn align_stride(&self, a: &[Posed<'_>], b: &[Posed<'_>]) -> usize {
         2 * a.len().min(b.len()).clamp(1, 16)
     }
+}
+
+/// Free-space violation between every other scan of a group and the rest: where it contradicts itself,
+/// its viewpoints are not the sensor's, and it may contradict others as much.
+fn violation_within(group: &[Posed<'_>], stride: usize) -> f64 {
+    if group.len() < 2 {
+        return 0.0;
+    }
+    let part = |rest: usize| group.iter().skip(rest).step_by(2).copied().collect::<Vec<_>>();
+    surface_fit(&part(0), &part(1), &RigidMotion::identity(), stride).free_space_violation
 }
 
 /// Every n-th point is enough to measure the evidence between groups of this size.
