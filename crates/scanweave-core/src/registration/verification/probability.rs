@@ -67,8 +67,7 @@ pub fn viewpoint_reliability(scans: usize, sure: &[SurePair], settings: &Surface
     let mut of_scan: Vec<Vec<f64>> = vec![Vec::new(); scans];
     for &((i, j), [of_i_seen_by_j, of_j_seen_by_i]) in sure {
         for (scan, per_touching) in [(i, of_j_seen_by_i), (j, of_i_seen_by_j)] {
-            // As if the other side violated as much: what the limit is measured in.
-            of_scan[scan].push(2.0 * per_touching / (1.0 + 2.0 * per_touching));
+            of_scan[scan].push(per_touching / (1.0 + per_touching));
         }
     }
     let mut all: Vec<f64> = of_scan.iter().flatten().copied().collect();
@@ -252,14 +251,13 @@ mod tests {
         assert_eq!(viewpoint_reliability(8, &pairs(0.0, 0.01), &settings), [1.0; 8]);
         assert_eq!(viewpoint_reliability(8, &pairs(0.0, 0.0)[..4], &settings), [UNKNOWN_RELIABILITY; 8]);
         let one_bad = viewpoint_reliability(8, &pairs(0.4, 0.0), &settings);
-        // Its own 0.8/1.8 in six pairs, and in the median of all, which counts for two, nothing.
+        // Its own 0.4/1.4 in six pairs, and in the median of all, which counts for two, nothing.
         assert!(one_bad[0] < one_bad[1], "{one_bad:?}");
         assert_eq!(one_bad[0], 0.0);
         let all_bad = viewpoint_reliability(8, &pairs(0.3, 0.3), &settings);
         assert_eq!(all_bad, [0.0; 8]);
         // Halfway between 0.05 and 0.125: v/(1 − v) of 0.0875.
-        let half = 0.5 * 0.0875 / 0.9125;
-        let between = viewpoint_reliability(8, &pairs(half, half), &settings);
+        let between = viewpoint_reliability(8, &pairs(0.0875 / 0.9125, 0.0875 / 0.9125), &settings);
         assert!(between.iter().all(|r| (r - 0.5).abs() < 1e-9), "{between:?}");
     }
 
