@@ -32,7 +32,7 @@ pub struct Arguments {
     /// Output folder of `register`, or a folder with one result a scene.
     #[arg(value_name = "RESULT")]
     result: PathBuf,
-    /// Folder of the scans with their true poses: <scan>.info.txt or .pose.txt beside each
+    /// Folder of the scans with their true poses: truth.json, <scan>.info.txt or .pose.txt beside each
     /// scan, poses/pose<i>.txt, poses.txt, or one Stanford .conf.
     #[arg(long, value_name = "SCENE", required_unless_present = "dataset")]
     truth: Option<PathBuf>,

@@ -16,7 +16,7 @@ use std::path::PathBuf;
 /// names.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Folder of the scans with their true poses: <scan>.info.txt or .pose.txt beside each
+    /// Folder of the scans with their true poses: truth.json, <scan>.info.txt or .pose.txt beside each
     /// scan, poses/pose<i>.txt, poses.txt, or one Stanford .conf.
     #[arg(value_name = "SCENE")]
     scene: PathBuf,
