@@ -190,5 +190,7 @@ fn left_out(entry: &Entry) -> Option<LeftOutData<'_>> {
 fn packed(similarity: &SimilarityMatrix) -> String {
     let n = similarity.len();
     let values = (0..n).flat_map(|i| similarity.row(i));
-    STANDARD.encode(values.map(|s| (255.0 * s.clamp(0.0, 1.0)).round() as u8).collect::<Vec<u8>>())
+    // From the digits that overlap.csv has, so that a page made from files is the same.
+    let written = |s: &f32| format!("{s:.4}").parse::<f32>().unwrap_or(*s).clamp(0.0, 1.0);
+    STANDARD.encode(values.map(|s| (255.0 * written(s)).round() as u8).collect::<Vec<u8>>())
 }
