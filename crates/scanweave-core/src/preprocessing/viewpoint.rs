@@ -63,7 +63,7 @@ pub struct ViewpointStudy {
 }
 
 impl ViewpointStudy {
-    /// Looks at a place that the file may state, at the file's zero, and for the best place.
+    /// Judges the place that the file may state and its zero, and searches for the best place.
     ///
     /// `normals` may point to either side. Depends on the shape and on what is presumed: a motion of
     /// both moves the answer.

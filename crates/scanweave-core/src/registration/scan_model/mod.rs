@@ -30,7 +30,7 @@ pub struct ScanModel<'a> {
     pub reach_m: f32,
     /// How far the scan saw.
     pub free_space: FreeSpace,
-    /// How far its viewpoint, and with it what it saw to be empty, is to be believed, in `[0, 1]`.
+    /// Viewpoint reliability: how far what it saw to be empty counts, in `[0, 1]`.
     pub viewpoint_reliability: f64,
     /// What is near, for radii up to τ.
     fine: NearestMap,

@@ -13,7 +13,7 @@ use crate::scan::Evidence;
 /// Free-space violation beyond which more of it counts besides by a term of its own.
 const MOST_VIOLATION: f64 = 0.2;
 
-/// Aliasing at most: nothing that looks so much alike is told apart.
+/// Perceptual aliasing at most: with so much nothing is told apart.
 const MOST_ALIASING: f64 = 20.0;
 
 /// Violation that a right pose does not exceed where viewpoints are reliable: 9 of 3082 right proposals
