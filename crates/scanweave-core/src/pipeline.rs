@@ -1,6 +1,7 @@
 //! From scans to a reconstruction: every stage in order, each timed.
 
 mod features;
+mod fine_refinement;
 mod frames;
 mod pairs;
 
@@ -50,8 +51,8 @@ pub struct Run {
     pub timings: Vec<StageTime>,
 }
 
-/// Registers `scans` (at least two): own frames and scale → surfaces → features → similarity → growth,
-/// or pairs and synchronisation; poses are in the coordinates of the files. Pairs are cached beside features.
+/// Registers `scans` (at least two): own frames and scale → surfaces → features → similarity → growth and
+/// fine refinement, or pairs and synchronisation; poses are in the coordinates of the files. Pairs are cached beside features.
 ///
 /// # Errors
 /// Unusable scans, settings or features, or the user asked to stop.
@@ -84,8 +85,15 @@ pub fn run_with_pairs(
     let mut clock = Stopwatch::default();
     let described = describe_timed(scans, config, source, monitor, &mut clock)?;
     let (similarity, head) = predict_overlap(&described, config, monitor, &mut clock)?;
-    let registered = register_with_pairs(&described, &similarity, config, pairs, monitor, &mut clock)?;
-    let Registered { pose_graph, reconstruction } = registered;
+    let mut registered = register_locally(&described, &similarity, config, pairs, monitor, &mut clock)?;
+    if config.method.synchronization().is_none() {
+        clock.time("fine refinement", || {
+            let Described { scale, frames, surfaces, .. } = &described;
+            let (local, settings) = (&mut registered.reconstruction, &config.registration);
+            fine_refinement::refine(local, scans, frames, surfaces, scale, settings, monitor)
+        })?;
+    }
+    let Registered { pose_graph, reconstruction } = registered.in_files(&described.frames);
     let Described { scale, warnings, frames, surfaces, features, reused } = described;
     Ok(Run {
         scale,
@@ -128,6 +136,16 @@ pub struct Registered {
     pub reconstruction: Reconstruction,
 }
 
+impl Registered {
+    /// The same in the coordinates of the files instead of the scans' own frames.
+    fn in_files(self, scan_from_local: &[RigidMotion]) -> Self {
+        Self {
+            pose_graph: self.pose_graph.map(|graph| frames::pose_graph(graph, scan_from_local)),
+            reconstruction: frames::reconstruction(self.reconstruction, scan_from_local),
+        }
+    }
+}
+
 /// The stage "registration" of [`run`].
 ///
 /// # Errors
@@ -156,7 +174,20 @@ pub fn register_with_pairs(
     monitor: &dyn Monitor,
     clock: &mut Stopwatch,
 ) -> Result<Registered> {
-    let Described { scale, frames: scan_from_local, surfaces, features, .. } = described;
+    let registered = register_locally(described, similarity, config, pairs, monitor, clock)?;
+    Ok(registered.in_files(&described.frames))
+}
+
+/// [`register_with_pairs`] with poses of the scans' own frames.
+fn register_locally(
+    described: &Described,
+    similarity: &SimilarityMatrix,
+    config: &Config,
+    pairs: &PairCache,
+    monitor: &dyn Monitor,
+    clock: &mut Stopwatch,
+) -> Result<Registered> {
+    let Described { scale, surfaces, features, .. } = described;
     let lengths = Lengths { inlier_radius_m: scale.inlier_radius_m, voxel_m: scale.voxel_m };
     clock.time("registration", || {
         let scans = features.iter().zip(surfaces);
@@ -165,13 +196,11 @@ pub fn register_with_pairs(
             let settings = &config.registration;
             let reconstruction =
                 registration::register(&inputs, similarity, settings, lengths, config.seed, monitor)?;
-            let reconstruction = frames::reconstruction(reconstruction, scan_from_local);
             return Ok(Registered { pose_graph: None, reconstruction });
         };
         let (graph, reconstruction) =
             pairs::synchronize(&inputs, similarity, method, config, lengths, pairs, monitor)?;
-        let reconstruction = frames::reconstruction(reconstruction, scan_from_local);
-        Ok(Registered { pose_graph: Some(frames::pose_graph(graph, scan_from_local)), reconstruction })
+        Ok(Registered { pose_graph: Some(graph), reconstruction })
     })
 }
 

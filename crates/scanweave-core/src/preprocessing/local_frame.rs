@@ -27,6 +27,12 @@ pub fn file_zero(scan_from_local: &RigidMotion) -> Point {
     (scan_from_local.inverse() * nalgebra::Point3::origin()).cast()
 }
 
+/// The points of a scan in its own frame, repeated ones too.
+pub fn local_points(scan: &Scan, scan_from_local: &RigidMotion) -> Vec<Point> {
+    let local_from_points = scan_from_local.inverse() * scan.cloud.file_from_points();
+    scan.cloud.points.iter().map(|p| (local_from_points * p.cast::<f64>()).cast()).collect()
+}
+
 fn localized(scan: &Scan) -> (Scan, RigidMotion) {
     let cloud = without_repetitions(&scan.cloud);
     let points_from_local = own_frame(&cloud.points);

@@ -48,6 +48,27 @@ impl Thinned {
     }
 }
 
+/// `points` of a scan of `known` surface, in the same frame, thinned to another voxel size, seen from the
+/// same place; `colors` are those of the points.
+pub fn thin_again(
+    points: &[Point],
+    colors: Option<&[[u8; 3]]>,
+    known: &Surface,
+    scale: &WorkingScale,
+) -> Surface {
+    let voxel_m = scale.voxel_m as f32;
+    let thinned = voxel_means(points, voxel_m);
+    let normals = normals(&thinned, &known.viewpoint, scale.normal_radius_m as f32);
+    let intensities = colors.map(|colors| intensities(&VoxelGroups::new(points, voxel_m), colors));
+    Surface {
+        points: thinned,
+        normals,
+        intensities: intensities.unwrap_or_default(),
+        viewpoint: known.viewpoint,
+        viewpoint_confidence: known.viewpoint_confidence,
+    }
+}
+
 /// Mean brightness of every group of points in `[0, 1]`: luma of the colours as they are stored
 /// (ITU-R BT.601).
 fn intensities(groups: &VoxelGroups, colors: &[[u8; 3]]) -> Vec<f32> {

@@ -2,7 +2,7 @@
 
 pub use super::agglomerative::config::AgglomerativeConfig;
 pub use super::incremental::config::{AveragingConfig, IncrementalConfig, MergeRule, Ordering};
-pub use super::multiview_icp::config::MultiviewIcpConfig;
+pub use super::multiview_icp::config::{FineRefinementConfig, MultiviewIcpConfig};
 pub use super::pairwise::config::{EstimatorConfig, RansacConfig, SpatialCompatibilityConfig};
 pub use super::verification::config::{
     EvidenceWeights, InlierCountConfig, SurfaceVerification, VerificationConfig,
@@ -49,6 +49,8 @@ pub struct RegistrationConfig {
     pub verification: VerificationConfig,
     /// The multiview ICP.
     pub multiview_icp: MultiviewIcpConfig,
+    /// The fine refinement after it; none without multiview ICP.
+    pub fine_refinement: FineRefinementConfig,
 }
 
 impl RegistrationConfig {
@@ -74,6 +76,7 @@ impl RegistrationConfig {
         self.estimator.validate()?;
         self.verification.validate()?;
         self.multiview_icp.validate()?;
+        self.fine_refinement.validate()?;
         let surfaces = self.verification.surfaces().is_some();
         match &self.strategy {
             Strategy::Agglomerative(_) if !surfaces => {

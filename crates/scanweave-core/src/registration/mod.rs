@@ -15,7 +15,9 @@ pub(crate) mod verification;
 pub use agglomerative::pairs::{PairScorer, ScanPair, most_similar_pairs};
 pub use agglomerative::{Agglomeration, Component, Finished, Join, Proposal};
 pub use input::{ContentDigest, MIN_KEYPOINTS};
-pub use multiview_icp::{MatchedPair, PosedScan, close_loops, pose_covariances, refine_poses};
+pub use multiview_icp::{
+    MatchedPair, PosedScan, close_loops, pose_covariances, refine_if_better, refine_poses,
+};
 pub use neighbours::neighbours;
 pub use pairwise::correspondences::Correspondences;
 pub use pairwise::edge::EdgeRegistrar;

@@ -24,6 +24,61 @@ pub struct MultiviewIcpConfig {
     pub colour: f64,
 }
 
+/// Settings of the fine refinement: a last multiview ICP on surfaces thinned more finely than those that
+/// scans were joined by.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct FineRefinementConfig {
+    /// Whether it is made.
+    pub enabled: bool,
+    /// How many times smaller its voxels are than those that scans were joined by, more than 1.
+    pub fineness: f64,
+    /// Points of a scan that look for a counterpart in each overlapping scan.
+    pub points_per_scan: usize,
+    /// Points of the thinned scans of a component at most: where there are more, voxels are larger.
+    pub most_points: usize,
+}
+
+impl Default for FineRefinementConfig {
+    fn default() -> Self {
+        Self { enabled: true, fineness: 3.0, points_per_scan: 3000, most_points: 4_000_000 }
+    }
+}
+
+impl FineRefinementConfig {
+    /// The first radius that surfaces are compared at, in units of τ: the last of the multiview ICP
+    /// that came before, and half of it after.
+    pub const FIRST_RADIUS: f64 = 0.5;
+
+    /// The multiview ICP that it is, with radii in units of the first of them.
+    pub fn multiview_icp(&self, coarse: &MultiviewIcpConfig) -> MultiviewIcpConfig {
+        MultiviewIcpConfig {
+            radii: vec![1.0, 0.5],
+            rounds: 8,
+            points_per_scan: self.points_per_scan,
+            ..coarse.clone()
+        }
+    }
+
+    /// Checks ranges.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming the key.
+    pub fn validate(&self) -> Result<()> {
+        positive("fine_refinement.points_per_scan", self.points_per_scan)?;
+        positive("fine_refinement.most_points", self.most_points)?;
+        if !(self.fineness > 1.0 && self.fineness.is_finite()) {
+            return Err(Error::setting(
+                "registration.fine_refinement.fineness",
+                self.fineness.to_string(),
+                "a number above 1",
+                "correct it, or set registration.fine_refinement.enabled to false to do without",
+            ));
+        }
+        Ok(())
+    }
+}
+
 impl Default for MultiviewIcpConfig {
     fn default() -> Self {
         Self {

@@ -6,12 +6,14 @@
 //! one after another, so small errors add up along the way; this step spreads them.
 
 pub(super) mod config;
+mod fine;
 mod intensity;
 mod loop_closure;
 mod system;
 mod terms;
 mod uncertainty;
 
+pub use fine::refine_if_better;
 pub use loop_closure::{MatchedPair, close_loops};
 pub use uncertainty::pose_covariances;
 

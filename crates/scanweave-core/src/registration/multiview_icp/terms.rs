@@ -115,7 +115,7 @@ pub(super) fn term_of(
 
 /// By its surfaces alone: every `strides`-th sampled point of either scan stands for as many.
 pub(super) fn pair_term(
-    (i, j): (usize, usize),
+    pair: (usize, usize),
     samples: &[Sample],
     scans: &[PosedScan<'_>],
     poses: &[RigidMotion],
@@ -123,6 +123,36 @@ pub(super) fn pair_term(
     radius_m: f64,
 ) -> PairTerm {
     let mut term = PairTerm::new();
+    for_each_touch(pair, samples, scans, poses, strides, radius_m, |Touching { h, r, w, .. }| {
+        term.information += h * h.transpose() * w;
+        term.gradient += h * (w * r);
+        term.squared += w * r * r;
+        term.weight += w;
+    });
+    term
+}
+
+/// A point of one scan on the tangent plane of another.
+pub(super) struct Touching {
+    /// Where it lies, in the frame of the poses.
+    pub(super) place: nalgebra::Point3<f64>,
+    /// Derivative of its distance from the plane by a left perturbation of the pose of the pair's first.
+    pub(super) h: Vector6<f64>,
+    /// Its distance from the plane, metres, and Tukey's weight of that.
+    pub(super) r: f64,
+    pub(super) w: f64,
+}
+
+/// Goes through what touches within a pair, points of the first scan first.
+pub(super) fn for_each_touch(
+    (i, j): (usize, usize),
+    samples: &[Sample],
+    scans: &[PosedScan<'_>],
+    poses: &[RigidMotion],
+    strides: &[usize],
+    radius_m: f64,
+    mut touching: impl FnMut(Touching),
+) {
     // Points of i on the planes of j, and the other way round with the sign of h turned.
     for (from, to, sign) in [(i, j, 1.0), (j, i, -1.0)] {
         let to_from_from = poses[to].inverse() * poses[from];
@@ -134,8 +164,8 @@ pub(super) fn pair_term(
         let sampled = sampled.skip(to % stride).step_by(stride);
         let moved: Vec<Point> = sampled.clone().map(|(p, _)| mover.point(p)).collect();
         let near = model.near_each(&moved, radius_m as f32);
-        let touching = sampled.zip(&moved).zip(&near).filter(|found| *found.1 != NO_POINT);
-        for (((_, normal), moved), &k) in touching {
+        let near = sampled.zip(&moved).zip(&near).filter(|found| *found.1 != NO_POINT);
+        for (((_, normal), moved), &k) in near {
             let k = k as usize;
             let n = model.surface.normals[k];
             if !scans[from].model.same_side(model, mover.direction(normal).dot(&n)) {
@@ -148,13 +178,9 @@ pub(super) fn pair_term(
             let n = poses[to].rotation * n.cast::<f64>();
             let m = x.coords.cross(&n);
             let h = Vector6::new(m.x, m.y, m.z, n.x, n.y, n.z) * sign;
-            term.information += h * h.transpose() * w;
-            term.gradient += h * (w * r);
-            term.squared += w * r * r;
-            term.weight += w;
+            touching(Touching { place: x, h, r, w });
         }
     }
-    term
 }
 
 /// What colours say of a pair, added to its normal equations: each residual r of intensities counts as a
