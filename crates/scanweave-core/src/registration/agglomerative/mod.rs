@@ -15,7 +15,7 @@
 //! 4b     register more pairs for the scans that are left apart
 //! 5  repeat: make the acceptable joins, the most probable first;
 //! 5a     where none is left, try joins out with all poses refined, and make those that suffice
-//! 6  refine all poses by multiview ICP
+//! 6  refine all poses by multiview ICP; register the pairs that close loops at these poses, and refine again
 //! 7  measure the final evidence and the uncertainty of every pose
 //! ```
 //!
@@ -26,6 +26,7 @@ mod conclusion;
 pub(super) mod config;
 mod edge;
 mod final_evidence;
+mod loops;
 pub(crate) mod pairs;
 mod refinement;
 mod rival_components;
@@ -44,7 +45,7 @@ use super::verification::verifier::Verifier;
 use crate::error::Result;
 use crate::monitor::Monitor;
 use crate::scan::{DeclineReason, Reconstruction, ScanId, SimilarityMatrix};
-use pairs::{PairScorer, most_similar_pairs};
+use pairs::{PairScorer, ScanPair, most_similar_pairs};
 use rayon::prelude::*;
 
 /// Registers all scans; see [`super::register`], which checked the arguments.
@@ -101,6 +102,19 @@ pub(super) fn register(
     let trials = settings.trials && config.multiview_icp.enabled;
     join_all(verification.accept, trials, &mut agglomeration, monitor)?;
     agglomeration.refine_all(monitor)?;
+    if settings.close_loops {
+        let open = agglomeration.open_loops(similarity);
+        tracing::debug!("{} pairs may close loops", open.len());
+        if !open.is_empty() {
+            let closing = scorer.register(&open, &verifier, monitor)?;
+            let sure = |p: &&ScanPair| p.hypotheses.first().is_some_and(|h| h.probability() >= 0.5);
+            let sure: Vec<_> = closing.iter().filter(sure).map(|p| (p.i, p.j)).collect();
+            tracing::debug!("{} of them do", sure.len());
+            agglomeration.unsettle(&sure);
+            agglomeration.add_pairs(closing);
+            agglomeration.refine_all(monitor)?;
+        }
+    }
     // 7
     let components = agglomeration.finish();
     Ok(conclusion::conclude(scans, components, &mut refusals, &verifier, config))
