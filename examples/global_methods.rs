@@ -220,7 +220,8 @@ fn recalls(
     };
     let numbered: BTreeMap<usize, ScanId> =
         scans.iter().filter_map(|scan| Some((number(&scan.name)?, scan.id))).collect();
-    let relative = |i: ScanId, j: ScanId| found.relative(*numbered.get(&i.0)?, *numbered.get(&j.0)?);
+    let relative =
+        |i: ScanId, j: ScanId| found.relative_in_component(*numbered.get(&i.0)?, *numbered.get(&j.0)?);
     let report = |b: &Benchmark| registration_recall(&b.pairs, relative, &RecallConfig::default());
     Ok([report(&benchmarks[0])?, report(&benchmarks[1])?])
 }

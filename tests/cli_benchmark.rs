@@ -102,8 +102,11 @@ fn a_suite_goes_on_where_it_stopped_and_parts_make_the_whole() {
         assert!(page.contains(part), "{part}");
     }
     let expected = figures(&whole);
-    // Recall and pooled for each method and count, 14 error figures for each, the quoted row.
-    assert_eq!(expected.len(), 1 + 2 * 4 + 14 * 4 + 1);
+    // Recall and pooled for each method and count, within all components and in the largest, 14 error
+    // figures for each, the quoted row.
+    assert_eq!(expected.len(), 1 + 4 * 4 + 14 * 4 + 1);
+    let figure = |name: &str| expected.iter().filter(|l| l.contains(&format!(",{name},"))).count();
+    assert_eq!([figure("recall"), figure("recall in largest"), figure("pooled in largest")], [5, 4, 4]);
     let cell = json(whole.join("cells").join(&cells[0]));
     assert_eq!(cell["poses"]["scans"].as_array().unwrap().len(), 4);
     assert!(cell["timings"].as_array().unwrap().iter().any(|t| t["stage"] == "registration"));
@@ -250,6 +253,11 @@ fn a_data_set_is_evaluated_scene_by_scene() {
     let report: serde_json::Value = serde_json::from_slice(&output.get_output().stdout).unwrap();
     let (one, two) = (&report["scenes"][0], &report["scenes"][1]);
     assert_eq!((&one["scene"], &two["scene"]), (&"one".into(), &"two".into()));
+    // A trajectory is one component.
+    for scene in [one, two] {
+        let recall = &scene["recalls"]["3dmatch"];
+        assert_eq!(recall["succeeded_in_largest"], recall["succeeded"]);
+    }
     // The counted pairs are those of gt.log whose numbers differ by more than one.
     let log = scanweave::io::poses::read_log(root.join("two/gt.log")).unwrap().value;
     let counted = log.iter().filter(|e| e.i.abs_diff(e.j) > 1).count();
@@ -375,9 +383,79 @@ fn the_page_of_a_result_names_the_scan_that_went_wrong_first() {
         assert!(page.contains("failed pair") && page.contains("joined to"), "{page}");
     }
 
+    judged(&result, &scene.join("PointCloud"), moved);
+
     // Nothing is half-written.
     let nowhere = place.path().join("no/page.html");
     let mut command = scanweave();
     command.arg("evaluate").arg(&result).arg("--truth").arg(scene.join("PointCloud"));
     command.arg("--report").arg(nowhere).assert().code(5);
+}
+
+/// What `evaluate` says of four scans of which `moved` is 5 m off and the others are right.
+fn judged(result: &Path, truth: &Path, moved: usize) {
+    let evaluate = |more: &[&str]| {
+        let mut command = scanweave();
+        command.arg("evaluate").arg(result).arg("--truth").arg(truth).args(more).assert()
+    };
+    let report = |more: &[&str]| -> serde_json::Value {
+        let output = evaluate(&[more, &["--json"]].concat()).success();
+        serde_json::from_slice(&output.get_output().stdout).unwrap()
+    };
+    // Half of the six pairs are with the moved scan.
+    evaluate(&[])
+        .success()
+        .stdout(contains("at the source scan's centre").and(contains("(three inlier radii) and 5°")))
+        .stdout(contains("pairs right     3 of 6 (50.0 %), 3 wrong within components"))
+        .stdout(
+            contains("wrongly placed  1 of 4 placed").and(contains("over 2 scans (expected 0.89 and 1)")),
+        );
+    let all = &report(&[])["judgement"];
+    assert_eq!(all["wrongly_placed"].as_array().unwrap().len(), 1);
+    assert_eq!(all["wrongly_placed"][0]["scan"], moved);
+    assert_eq!(all["stated_error"]["scans"].as_array().unwrap().len(), 2);
+    let radius_m = json(result.join("report.json"))["scale"]["inlier_radius_m"].as_f64().unwrap();
+    assert!((all["limits"]["max_translation_m"].as_f64().unwrap() - 3.0 * radius_m).abs() < 1e-12);
+    // Limits that every pair, and that no pair, keeps.
+    let right = |more: &[&str]| report(more)["judgement"]["right_pairs"].as_u64().unwrap();
+    assert_eq!(right(&["--max-translation", "100", "--max-rotation", "180"]), 6);
+    assert_eq!(right(&["--max-translation", "1e-9"]), 0);
+    assert_eq!(report(&["--within", "1e-6"])["judgement"]["judged_pairs"], 0);
+    assert_eq!(report(&["--within", "1000"])["judgement"]["judged_pairs"], 6);
+    evaluate(&["--within", "0"]).code(4).stderr(contains("--within").and(contains("positive")));
+
+    // A declined scan's pairs count, and its centre is read from its file.
+    let file = result.join("poses.json");
+    let before = std::fs::read(&file).unwrap();
+    let mut poses = json(file.clone());
+    let declined = serde_json::json!({"reason": "too-few-keypoints", "keypoints": 1, "needed": 3});
+    let entry = poses["scans"][moved].as_object_mut().unwrap();
+    entry.retain(|key, _| ["id", "name", "file"].contains(&key.as_str()));
+    entry.extend([
+        ("outcome".to_owned(), "declined".into()),
+        ("decline".to_owned(), declined),
+        ("explanation".to_owned(), "lost".into()),
+    ]);
+    std::fs::write(&file, poses.to_string()).unwrap();
+    let r = &report(&["--within", "1000"])["judgement"];
+    assert_eq!((&r["judged_pairs"], &r["right_pairs"], &r["wrong_pairs"]), (&6.into(), &3.into(), &0.into()));
+
+    // A file of an earlier version states no centre.
+    let scans = poses["scans"].as_array_mut().unwrap().iter_mut();
+    for uncertainty in scans.filter_map(|s| s.get_mut("pose_uncertainty")?.as_object_mut()) {
+        uncertainty.remove("centre").unwrap();
+    }
+    std::fs::write(&file, poses.to_string()).unwrap();
+    evaluate(&[])
+        .success()
+        .stdout(contains("at the zero of the source scan's file").and(contains("pairs right     3 of 6")))
+        .stdout(contains("not compared: no scan that is not wrongly placed states its centre"));
+    std::fs::write(&file, before).unwrap();
+
+    // Without report.json a limit has to be named.
+    let (run, away) = (result.join("report.json"), result.join("away.json"));
+    std::fs::rename(&run, &away).unwrap();
+    evaluate(&[]).success().stdout(contains("not judged").and(contains("--max-translation")));
+    evaluate(&["--max-translation", "0.5"]).success().stdout(contains("limits          0.500 m and 5°"));
+    std::fs::rename(away, run).unwrap();
 }

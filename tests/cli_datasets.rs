@@ -189,9 +189,10 @@ fn ground_truth_is_read_back_as_it_was_and_agrees_with_itself() {
         let found: Vec<(usize, usize)> = benchmark.pairs.iter().map(|p| (p.i.0, p.j.0)).collect();
         assert_eq!(found, expected);
         pairs += found.len();
-        let relative = |i: ScanId, j: ScanId| Some(poses[i.0].inverse() * poses[j.0]);
+        let relative = |i: ScanId, j: ScanId| Some((0, poses[i.0].inverse() * poses[j.0]));
         let recall = registration_recall(&benchmark.pairs, relative, &RecallConfig::default()).unwrap();
         assert_eq!(recall.succeeded, recall.counted);
+        assert_eq!(recall.succeeded_in_largest, Some(recall.counted));
         assert!(benchmark.pairs.iter().all(|p| p.information.is_some_and(|m| m[(0, 0)] > 0.0)));
     }
     assert!(pairs > 5, "{pairs}");

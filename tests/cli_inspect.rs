@@ -22,7 +22,8 @@ fn scans_features_checkpoints_and_results_tell_what_they_are() {
 
     let checkpoint = concat!(env!("CARGO_MANIFEST_DIR"), "/checkpoints/netvlad-fpfh.safetensors");
     let mut all = scanweave();
-    all.arg("inspect").args([&scans, &features, &result]).arg(checkpoint);
+    // Short names, which no table wraps.
+    all.current_dir(place.path()).args(["inspect", "set/PointCloud", "features", "result"]).arg(checkpoint);
     all.assert().success().stdout(
         contains("cloud_bin_2.ply")
             .and(contains("cloud_bin_2.npz"))
@@ -40,7 +41,10 @@ fn scans_features_checkpoints_and_results_tell_what_they_are() {
     for i in 0..3 {
         assert_eq!(found[i]["points"], report["sizes"][i]["points"]);
         assert_eq!(found[3 + i]["keypoints"], report["sizes"][i]["keypoints"]);
-        assert_eq!(found[i]["bytes"], std::fs::metadata(found[i]["path"].as_str().unwrap()).unwrap().len());
+        assert_eq!(
+            found[i]["bytes"],
+            std::fs::metadata(place.path().join(found[i]["path"].as_str().unwrap())).unwrap().len()
+        );
     }
     assert_eq!(found[6]["components"], serde_json::json!([3]));
 

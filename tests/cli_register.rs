@@ -30,7 +30,7 @@ fn a_result_is_whole_reproducible_kept_and_only_replaced_by_force() {
 
     register(&scans, &one, &["--threads", "1", "--seed", "3"])
         .success()
-        .stdout(contains("cloud_bin_0").and(contains("pivot")).and(contains("placed   4 of 4 scans")))
+        .stdout(contains("cloud_bin_0").and(contains("prob.")).and(contains("placed   4 of 4 scans")))
         .stdout(contains("voxel").and(contains("trained checkpoint netvlad-mini-spin-net-fpfh")))
         .stderr("");
     assert_eq!(names(&one), FILES);
@@ -60,6 +60,14 @@ fn a_result_is_whole_reproducible_kept_and_only_replaced_by_force() {
     let report = json(one.join("report.json"));
     assert_eq!(report["placed"], 4);
     assert_eq!(report["seed"], 3);
+    // Every placed scan, the pivot too, states its probability, and the centre of its covariance.
+    for (row, entry) in report["evidence"].as_array().unwrap().iter().zip(poses["scans"].as_array().unwrap())
+    {
+        let probability = row["probability"].as_f64().unwrap();
+        assert!((0.5..=1.0).contains(&probability), "{probability}");
+        assert_eq!(row["probability"], entry["evidence"]["probability"]);
+        assert_eq!(entry["pose_uncertainty"]["centre"].as_array().unwrap().len(), 3);
+    }
     assert_eq!(report["sizes"][0]["features_reused"], false);
     assert!(report["timings"].as_array().unwrap().iter().any(|t| t["stage"] == "registration"));
     assert!(text(one.join("config.toml")).contains("seed = 3"));

@@ -93,7 +93,7 @@ fn perturbed_poses_give_the_independent_evaluators_numbers() {
             .collect();
         for benchmark in ["3DMatch", "3DLoMatch"] {
             let expected = &scene[benchmark];
-            let relative = |i: ScanId, j: ScanId| Some(poses[i.0].inverse() * poses[j.0]);
+            let relative = |i: ScanId, j: ScanId| Some((0, poses[i.0].inverse() * poses[j.0]));
             let pairs = truth(&data, benchmark, name);
             let report = registration_recall(&pairs, relative, &RecallConfig::default()).unwrap();
             assert_eq!(
@@ -130,14 +130,15 @@ fn truth_against_itself_is_perfect_and_one_lost_scan_fails_its_own_pairs() {
         let scene = entry.unwrap().file_name().into_string().unwrap();
         for benchmark in ["3DMatch", "3DLoMatch"] {
             let pairs = truth(&data, benchmark, &scene);
-            let find = |i: ScanId, j: ScanId| pairs.iter().find(|p| p.i == i && p.j == j).map(|p| p.i_from_j);
+            let find =
+                |i: ScanId, j: ScanId| pairs.iter().find(|p| p.i == i && p.j == j).map(|p| (0, p.i_from_j));
             let r = registration_recall(&pairs, find, &RecallConfig::default()).unwrap();
             assert_eq!(r.succeeded, r.counted, "{scene} {benchmark}");
             let lost = r.pairs[r.counted / 2].j;
             let destroyed = |i: ScanId, j: ScanId| {
                 let away = RigidMotion::translation(3.0, -2.0, 5.0);
-                let t = find(i, j)?;
-                Some(if i == lost || j == lost { t * away } else { t })
+                let (component, t) = find(i, j)?;
+                Some((component, if i == lost || j == lost { t * away } else { t }))
             };
             let broken = registration_recall(&pairs, destroyed, &RecallConfig::default()).unwrap();
             for p in &broken.pairs {

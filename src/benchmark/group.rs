@@ -49,6 +49,11 @@ impl<'a> Group<'a> {
         };
         let summaries: Vec<RecallSummary> =
             self.by_seed.iter().map(|cells| RecallSummary::new(reports(cells))).collect();
+        // Not of those seeds alone that tell: they would be other seeds than those of the other figures.
+        let of_all_seeds = |of: fn(&RecallSummary) -> Option<f64>| {
+            let counted = summaries.iter().filter(|s| s.scenes > 0);
+            counted.map(of).collect::<Option<Vec<f64>>>().and_then(Spread::new)
+        };
         let of_scene = |(dataset, scene): &(String, String)| {
             let here = self.cells().filter(|c| c.key.dataset == *dataset && c.key.scene == *scene);
             let values: Vec<f64> = here.filter_map(|c| c.report.recalls.get(benchmark)?.recall()).collect();
@@ -64,6 +69,8 @@ impl<'a> Group<'a> {
             cells: (self.cells().count(), self.planned),
             recall: Spread::new(summaries.iter().filter_map(|s| s.mean_of_scenes).collect()),
             pooled: Spread::new(summaries.iter().filter_map(|s| s.pooled).collect()),
+            recall_in_largest: of_all_seeds(|s| s.mean_of_scenes_in_largest),
+            pooled_in_largest: of_all_seeds(|s| s.pooled_in_largest),
             by_scene: scenes.iter().map(of_scene).collect(),
             declined: self.declined(),
             cost: self.cost(),

@@ -58,7 +58,8 @@ fn method(row: &RecallRow) -> String {
 
 fn recalls(table: &Table) -> Part {
     let text = "Percent; mean of the scenes, then the mean over seeds (least–greatest). \
-         Pairs with a declined scan are failures. Seconds and memory are those of a scene from \
+         Pairs with a declined scan are failures. Recall is that within all components of a scene; in its \
+         largest component alone, pairs of smaller components are failures too. Seconds and memory are those of a scene from \
          features to poses. Rows in italics are quoted, not measured here.";
     let head = heads(&[
         "benchmark",
@@ -66,6 +67,8 @@ fn recalls(table: &Table) -> Part {
         "keypoints",
         "recall",
         "pooled",
+        "recall in largest",
+        "pooled in largest",
         "scenes",
         "cells",
         "declined",
@@ -82,6 +85,8 @@ fn recalls(table: &Table) -> Part {
             r.keypoints.to_string(),
             spread(r.recall.as_ref()),
             spread(r.pooled.as_ref()),
+            spread(r.recall_in_largest.as_ref()),
+            spread(r.pooled_in_largest.as_ref()),
             r.scenes.to_string(),
             own(cells(r.cells)),
             own(format!("{:.1}", r.declined)),
@@ -112,7 +117,8 @@ fn by_scene(table: &Table) -> Vec<Part> {
         };
         let rows = ours().filter(|r| r.dataset == *dataset).map(row).collect();
         let title = format!("Recall by scene: {dataset}");
-        Part { title, text: String::new(), grids: vec![Grid::new(head, 2, rows)] }
+        let text = "Percent, within all components.".to_owned();
+        Part { title, text, grids: vec![Grid::new(head, 2, rows)] }
     };
     datasets.into_iter().map(part).collect()
 }

@@ -91,7 +91,13 @@ fn recall_lines(row: &RecallRow) -> Vec<Vec<String>> {
         values.extend(cost_columns(row.cost.as_ref()));
         Some(values)
     };
-    [("recall", &row.recall), ("pooled", &row.pooled)].into_iter().filter_map(line).collect()
+    let figures = [
+        ("recall", &row.recall),
+        ("pooled", &row.pooled),
+        ("recall in largest", &row.recall_in_largest),
+        ("pooled in largest", &row.pooled_in_largest),
+    ];
+    figures.into_iter().filter_map(line).collect()
 }
 
 fn cost_columns(cost: Option<&Cost>) -> [String; 3] {
@@ -123,7 +129,7 @@ fn error_lines(row: &ErrorRow) -> Vec<Vec<String>> {
     figures.into_iter().map(line).collect()
 }
 
-const CELL_COLUMNS: [&str; 22] = [
+const CELL_COLUMNS: [&str; 23] = [
     "dataset",
     "scene",
     "method",
@@ -132,6 +138,7 @@ const CELL_COLUMNS: [&str; 22] = [
     "benchmark",
     "counted",
     "succeeded",
+    "succeeded_in_largest",
     "zero_information",
     "scans",
     "placed",
@@ -161,7 +168,7 @@ fn cell_lines(cell: &Cell) -> Vec<Vec<String>> {
     let score = |of: fn(&RetrievalScores) -> f64| number(cell.retrieval.as_ref().map(of));
     let (key, report) = (&cell.key, &cell.report);
     let declined: Vec<&str> = report.declined.iter().map(|d| d.scan.as_str()).collect();
-    let line = |counts: [String; 4]| {
+    let line = |counts: [String; 5]| {
         let mut values = vec![key.dataset.clone(), key.scene.clone(), key.method.clone()];
         values.extend([key.keypoints.to_string(), key.seed.to_string()]);
         values.extend(counts);
@@ -178,10 +185,12 @@ fn cell_lines(cell: &Cell) -> Vec<Vec<String>> {
         values
     };
     if report.recalls.is_empty() {
-        return vec![line([const { String::new() }; 4])];
+        return vec![line([const { String::new() }; 5])];
     }
     let counted = report.recalls.iter().map(|(name, r)| {
-        [name.clone(), r.counted.to_string(), r.succeeded.to_string(), r.zero_information.to_string()]
+        let in_largest = r.succeeded_in_largest.map(|n| n.to_string()).unwrap_or_default();
+        let (counted, succeeded) = (r.counted.to_string(), r.succeeded.to_string());
+        [name.clone(), counted, succeeded, in_largest, r.zero_information.to_string()]
     });
     counted.map(line).collect()
 }

@@ -81,7 +81,8 @@ fn best(table: &Table) -> Option<Section> {
     };
     Some(Section {
         title: "Highest registration recall".to_owned(),
-        text: "The best of the methods measured here, mean of the scenes and seeds.".to_owned(),
+        text: "The best of the methods measured here within all components, mean of the scenes and seeds."
+            .to_owned(),
         blocks: vec![Block::Figures(figures.iter().map(figure).collect())],
     })
 }

@@ -68,11 +68,16 @@ pub struct RecallRow {
     pub scenes: usize,
     /// Cells that are there, and that there will be.
     pub cells: (usize, usize),
-    /// Mean of the scenes' recalls.
+    /// Mean of the scenes' recalls, within all components.
     pub recall: Option<Spread>,
-    /// All successes over all counted pairs.
+    /// All successes over all counted pairs, within all components.
     pub pooled: Option<Spread>,
-    /// Recall of each scene, mean over seeds, in the order of [`Table::scenes`].
+    /// As `recall`, in the largest component of each scene alone; `None` for quoted rows and where a cell
+    /// of an earlier version does not tell.
+    pub recall_in_largest: Option<Spread>,
+    /// As `pooled`, likewise.
+    pub pooled_in_largest: Option<Spread>,
+    /// Recall of each scene within all components, mean over seeds, in the order of [`Table::scenes`].
     pub by_scene: Vec<Option<f64>>,
     /// Scans without a pose, all scenes, mean over seeds.
     pub declined: f64,
@@ -236,6 +241,8 @@ fn quoted<'a>(
             cells: (0, 0),
             recall: Spread::new(vec![percent / 100.0]),
             pooled: None,
+            recall_in_largest: None,
+            pooled_in_largest: None,
             by_scene: Vec::new(),
             declined: 0.0,
             cost: None,

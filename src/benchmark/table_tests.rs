@@ -41,7 +41,9 @@ fn key(scene: &str, method: &str, seed: u64) -> CellKey {
 
 fn cell(key: CellKey, counted: usize, succeeded: usize, declined: usize, seconds: f64) -> Cell {
     let (format, version) = Cell::stamp();
-    let recall = RecallReport { counted, succeeded, ..RecallReport::default() };
+    // All but one in the largest component.
+    let succeeded_in_largest = Some(succeeded - 1);
+    let recall = RecallReport { counted, succeeded, succeeded_in_largest, ..RecallReport::default() };
     let lost = Declined { scan: "x".to_owned(), reason: "lost".to_owned() };
     let stage = |stage: &str, seconds: f64| StageTime { stage: stage.to_owned(), seconds };
     Cell {
@@ -111,6 +113,10 @@ fn recalls_are_averaged_over_scenes_then_seeds() {
     // Seed 0: (1 + ½)/2; seed 1: (0.6 + 1)/2. Pooled: 25/40 and 36/40.
     assert_eq!(recall.values, [0.75, 0.8]);
     assert_eq!(row.pooled.as_ref().unwrap().values, [0.625, 0.9]);
+    // Seed 0: (9/10 + 14/30)/2; seed 1: (5/10 + 29/30)/2. Pooled: 23/40 and 34/40.
+    let largest = &row.recall_in_largest.as_ref().unwrap().values;
+    assert!((largest[0] - 41.0 / 60.0).abs() < 1e-12 && (largest[1] - 44.0 / 60.0).abs() < 1e-12);
+    assert_eq!(row.pooled_in_largest.as_ref().unwrap().values, [0.575, 0.85]);
     assert_eq!(row.by_scene, [Some(0.8), Some(0.75)]);
     assert_eq!((row.cells, row.scenes, row.declined), ((4, 4), 2, 1.5));
     let cost = row.cost.as_ref().unwrap();
@@ -122,4 +128,11 @@ fn recalls_are_averaged_over_scenes_then_seeds() {
     let quoted = &table.recalls[2];
     assert_eq!((quoted.quoted.as_deref(), quoted.keypoints, quoted.scenes), (Some("Somebody"), 100, 8));
     assert!((quoted.recall.as_ref().unwrap().mean - 0.815).abs() < 1e-12);
+    assert_eq!(quoted.recall_in_largest, None);
+    // One cell of an earlier version does not tell, and so the row does not.
+    let mut there = there;
+    there[2].report.recalls.get_mut("b").unwrap().succeeded_in_largest = None;
+    let table = Table::new(&suite, &plan, &there);
+    assert_eq!((&table.recalls[0].recall_in_largest, &table.recalls[0].pooled_in_largest), (&None, &None));
+    assert_eq!(table.recalls[0].recall.as_ref().unwrap().values, [0.75, 0.8]);
 }

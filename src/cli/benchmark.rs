@@ -17,6 +17,9 @@ use std::path::{Path, PathBuf};
 /// stopped at any moment goes on when it is started again. Writes table.md, table.csv, table.json,
 /// cells.csv, plots and report.html, a page with all of them for any browser.
 ///
+/// Registration recall is told twice: within all components of a scene ("recall", "pooled"), where a
+/// pair counts when both scans are in one component, and in its largest component alone ("in largest").
+///
 /// A cell's wall time is that of its stages with all threads, unless --jobs shares them out. Its
 /// memory is the peak of the process while it worked on the cell, scans and features included.
 ///

@@ -1,25 +1,40 @@
 //! `scanweave evaluate`.
 
 use super::evaluate_page::{self, OneResult, Wanted};
+use super::evaluate_text::{Judgement, Report, print};
+use super::evaluate_truth::Truth;
 use super::{Status, Verbosity, evaluate_set, terminal};
 use anyhow::Context;
 use clap::Args;
+use scanweave::evaluation::placement::{Limits, PlacementReport};
 use scanweave::evaluation::pose_error::{PoseReport, evaluate_against_truth};
 use scanweave::evaluation::protocol::Protocol;
 use scanweave::evaluation::recall::{RecallConfig, RecallReport, registration_recall};
-use scanweave::geometry::RigidMotion;
+use scanweave::evaluation::stated_error::StatedErrorReport;
 use scanweave::result::poses::Document;
+use scanweave::result::run::RunReport;
 use scanweave::scan::{Reconstruction, ScanId};
 use scanweave::{Error, io};
-use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+/// Inlier radii up to which a pair is right by default.
+const RADII: f64 = 3.0;
+
 /// Compare registrations with true poses.
 ///
-/// One result (--truth): prints the errors of the relative poses of all pairs of placed scans, and
-/// for every benchmark folder (gt.log and gt.info, as 3DMatch and 3DLoMatch have them) the
-/// registration recall. A pair with a declined scan counts as a failure.
+/// One result (--truth): prints the errors of the relative poses of all pairs of placed scans, measured
+/// at the source scan's centre where poses.json states it, else at the zero of its file. A pair is
+/// right within --max-translation and --max-rotation; "pairs right" counts those of all pairs of the
+/// truth, also pairs with declined scans or scans of different components. A scan is wrongly placed
+/// when most of its judged pairs within its component are wrong. "stated error" compares the true
+/// errors of the other scans relative to their pivots with the covariances of poses.json: NEES, the
+/// normalized estimation error squared, is 1 on average where covariances are true.
+///
+/// Prints for every benchmark folder (gt.log and gt.info, as 3DMatch and 3DLoMatch have them) the
+/// registration recall twice: within all components, where a pair counts when both scans are in one
+/// component, and in the largest component alone, where only pairs of that one count. A pair with a
+/// declined scan counts as a failure in both. Poses of other methods are one component.
 ///
 /// A data set (--dataset): RESULT holds one result a scene, <scene>/poses.json of `register`, or
 /// poses of any other method as <scene>/trajectory.log, <scene>/poses.txt or
@@ -54,6 +69,17 @@ pub struct Arguments {
     /// Largest error of a registered pair, metres: 0.2 for 3DMatch, 0.5 for ETH.
     #[arg(long, value_name = "M", default_value_t = RecallConfig::default().threshold_m, conflicts_with = "dataset")]
     threshold: f64,
+    /// Largest translation error of a right pair, in the unit of the files. Default: three inlier radii
+    /// of the result, from its report.json.
+    #[arg(long, value_name = "M", conflicts_with = "dataset")]
+    max_translation: Option<f64>,
+    /// Largest rotation error of a right pair, degrees.
+    #[arg(long, value_name = "DEG", default_value_t = 5.0, conflicts_with = "dataset")]
+    max_rotation: f64,
+    /// Judge only pairs whose true centres lie within this distance of each other. A declined scan's
+    /// centre is read from its file.
+    #[arg(long, value_name = "M", conflicts_with = "dataset")]
+    within: Option<f64>,
     /// Leave out the first counted pair of a scene, as a published evaluator does by mistake.
     #[arg(long)]
     reference_quirks: bool,
@@ -74,14 +100,6 @@ impl Arguments {
         let overlap_radius_m = self.overlap_radius;
         self.report.as_deref().map(|file| Wanted { file, overlap_radius_m })
     }
-}
-
-/// What is printed under `--json`.
-#[derive(Debug, Serialize)]
-struct Report {
-    declined: Vec<String>,
-    poses: PoseReport,
-    benchmarks: BTreeMap<String, RecallReport>,
 }
 
 pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
@@ -116,7 +134,9 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
 fn one(arguments: &Arguments, truth_folder: &Path, verbosity: &Verbosity) -> anyhow::Result<()> {
     let document = Document::load(&arguments.result.join("poses.json"))?;
     let reconstruction = document.reconstruction()?;
-    let (poses, deviation) = against_truth(&document, &reconstruction, truth_folder)?;
+    let truth = Truth::read(&document, truth_folder)?;
+    let poses = evaluate_against_truth(&reconstruction, &truth.world_from_scan)?;
+    let judgement = judge(arguments, &reconstruction, &poses, &truth)?;
     let config = RecallConfig {
         threshold_m: arguments.threshold,
         reference_quirks: arguments.reference_quirks,
@@ -129,12 +149,12 @@ fn one(arguments: &Arguments, truth_folder: &Path, verbosity: &Verbosity) -> any
     }
     let declined = document.scans.iter().zip(&reconstruction.outcomes);
     let declined = declined.filter(|d| d.1.placement().is_none()).map(|d| d.0.name.clone()).collect();
-    let report = Report { declined, poses, benchmarks };
+    let report = Report { declined, poses, judgement, benchmarks };
     if let Some(wanted) = arguments.wanted() {
         let result = OneResult {
             document: &document,
             poses: &report.poses,
-            truth_deviation: deviation,
+            truth_deviation: truth.deviation,
             recalls: &report.benchmarks,
             limit_m: arguments.threshold,
         };
@@ -143,47 +163,44 @@ fn one(arguments: &Arguments, truth_folder: &Path, verbosity: &Verbosity) -> any
     if arguments.json {
         terminal::print(&(serde_json::to_string_pretty(&report).context("writing the report")? + "\n"))?;
     } else if !verbosity.quiet {
-        print(&report, deviation)?;
+        print(&report, truth.deviation)?;
     }
     Ok(())
 }
 
-/// The errors of a result against the true poses in `truth_folder`, and how far the worst rotation
-/// there was from orthonormal.
-pub fn against_truth(
-    document: &Document,
+/// Judges pairs and scans; `None` where neither an option nor the result tells from where on a pair is wrong.
+fn judge(
+    arguments: &Arguments,
     reconstruction: &Reconstruction,
-    truth_folder: &Path,
-) -> Result<(PoseReport, f64), Error> {
-    let scene = io::dataset::read_scene(truth_folder)?;
-    let by_stem = true_poses(&scene, truth_folder)?;
-    let true_pose = |name: &String| {
-        let stem = name.rsplit('/').next().unwrap_or(name);
-        by_stem.get(stem).copied().ok_or_else(|| {
-            let remedy = "name the folder that these scans came from with --truth";
-            let found = format!("no true pose for the scan {name}");
-            Error::file(truth_folder, found, "the scans of the result", remedy)
-        })
+    poses: &PoseReport,
+    truth: &Truth,
+) -> Result<Option<Judgement>, Error> {
+    let run = arguments.result.join("report.json");
+    let options = [
+        ("--max-translation", arguments.max_translation),
+        ("--max-rotation", Some(arguments.max_rotation)),
+        ("--within", arguments.within),
+    ];
+    for (option, value) in options {
+        if let Some(value) = value.filter(|v| !(*v > 0.0 && v.is_finite())) {
+            return Err(Error::setting(option, value.to_string(), "a positive number", "name another limit"));
+        }
+    }
+    let max_translation_m = match arguments.max_translation {
+        Some(limit) => limit,
+        None if run.exists() => RADII * RunReport::load(&run)?.scale.inlier_radius_m,
+        None => return Ok(None),
     };
-    let truth =
-        document.scans.iter().map(|s| true_pose(&s.name)).collect::<Result<Vec<RigidMotion>, Error>>()?;
-    let report = evaluate_against_truth(reconstruction, &truth)?;
-    Ok((report, scene.world_from_scan.map_or(0.0, |t| t.deviation)))
-}
-
-/// True poses by the name of their scan.
-fn true_poses(scene: &io::dataset::Scene, folder: &Path) -> Result<BTreeMap<String, RigidMotion>, Error> {
-    let Some(truth) = &scene.world_from_scan else {
-        return Err(Error::file(
-            folder,
-            "scans without true poses",
-            "truth.json, a pose file beside each scan, poses/, poses.txt or one .conf",
-            "see `scanweave evaluate --help` for the layouts",
-        ));
+    let limits =
+        Limits { max_translation_m, max_rotation_deg: arguments.max_rotation, within_m: arguments.within };
+    let centres = match limits.within_m {
+        Some(_) => truth.centres(reconstruction)?,
+        None => Vec::new(),
     };
-    let names = io::unique_names(&scene.scans);
-    let stems = names.into_iter().map(|n| n.rsplit('/').next().unwrap_or(&n).to_owned());
-    Ok(stems.zip(truth.value.iter().copied()).collect())
+    let placement = PlacementReport::new(reconstruction, poses, &centres, limits);
+    let stated_error =
+        StatedErrorReport::new(reconstruction, &truth.world_from_scan, |scan| placement.is_wrong(scan));
+    Ok(Some(Judgement { radii_stated: arguments.max_translation.is_none(), placement, stated_error }))
 }
 
 /// Recall on one benchmark, whose ids are the numbers at the end of the scans' names.
@@ -209,52 +226,12 @@ fn recall(
             "register all scans of the scene, or name the benchmark of this scene",
         ));
     }
-    let relative = |i: ScanId, j: ScanId| reconstruction.relative(numbered[&i.0], numbered[&j.0]);
+    let relative =
+        |i: ScanId, j: ScanId| reconstruction.relative_in_component(numbered[&i.0], numbered[&j.0]);
     registration_recall(&benchmark.pairs, relative, config)
 }
 
 fn trailing_number(name: &str) -> Option<usize> {
     let digits = name.bytes().rev().take_while(u8::is_ascii_digit).count();
     name[name.len() - digits..].parse().ok()
-}
-
-fn print(report: &Report, deviation: f64) -> anyhow::Result<()> {
-    let p = &report.poses;
-    let components = if p.components == 1 { "component" } else { "components" };
-    terminal::print_line(&format!(
-        "placed     {} of {} scans, {} {components}",
-        p.placed, p.total, p.components
-    ))?;
-    if !report.declined.is_empty() {
-        terminal::print_line(&format!("declined   {}", report.declined.join(", ")))?;
-    }
-    if deviation > 1e-5 {
-        terminal::print_line(&format!(
-            "truth      rotations up to {deviation:.1e} from orthonormal, replaced by the nearest rotations"
-        ))?;
-    }
-    let s = &p.pair_summary;
-    terminal::print_line(&format!(
-        "pairs      {} within components: rotation median {:.2}°, largest {:.2}°; translation median {}, largest {}",
-        p.pairs.len(),
-        s.median_rotation_deg,
-        s.max_rotation_deg,
-        metres(s.median_translation_m),
-        metres(s.max_translation_m)
-    ))?;
-    for (folder, r) in &report.benchmarks {
-        let recall = r.recall().map_or("no counted pair".to_owned(), |v| format!("{:.1} %", 100.0 * v));
-        terminal::print_line(&format!(
-            "recall     {recall} ({} of {} pairs, {} with a declined scan, {} without information)  {folder}",
-            r.succeeded,
-            r.counted,
-            r.declined.len(),
-            r.zero_information
-        ))?;
-    }
-    Ok(())
-}
-
-fn metres(value: f64) -> String {
-    if value < 0.01 { format!("{:.2} mm", 1000.0 * value) } else { format!("{value:.3} m") }
 }

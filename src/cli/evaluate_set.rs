@@ -100,13 +100,20 @@ fn benchmark_folder(dataset: &Path, protocol: Protocol) -> Option<PathBuf> {
 fn print(report: &SetReport) -> Result<(), Error> {
     let width = report.scenes.iter().map(|s| s.scene.chars().count()).max().unwrap_or(0).max(14);
     let line = |text: String| terminal::print_line(&text);
+    let share = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{:.1} %", 100.0 * v));
     for (name, summary) in &report.recalls {
-        line(format!("{name}: registration recall"))?;
+        line(format!(
+            "{name}: registration recall within all components, and in the largest component alone"
+        ))?;
         for scene in &report.scenes {
             let Some(r) = scene.recalls.get(name) else { continue };
-            let share = r.recall().map_or("-".to_owned(), |v| format!("{:.1} %", 100.0 * v));
+            let (all, largest) = (share(r.recall()), share(r.recall_in_largest()));
+            let name = &scene.scene;
             let mut text =
-                format!("  {:<width$}  {share:>7}  {} of {} pairs", scene.scene, r.succeeded, r.counted);
+                format!("  {name:<width$}  {all:>7}  {largest:>7}  {} of {} pairs", r.succeeded, r.counted);
+            if let Some(in_largest) = r.succeeded_in_largest {
+                text.push_str(&format!(", {in_largest} in the largest component"));
+            }
             if !r.declined.is_empty() {
                 text.push_str(&format!(", {} without an estimate", r.declined.len()));
             }
@@ -118,9 +125,11 @@ fn print(report: &SetReport) -> Result<(), Error> {
             }
             line(text)?;
         }
-        let share = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{:.1} %", 100.0 * v));
-        line(format!("  {:<width$}  {:>7}", "mean of scenes", share(summary.mean_of_scenes)))?;
-        line(format!("  {:<width$}  {:>7}", "pooled", share(summary.pooled)))?;
+        let both = |name: &str, all: Option<f64>, largest: Option<f64>| {
+            line(format!("  {name:<width$}  {:>7}  {:>7}", share(all), share(largest)))
+        };
+        both("mean of scenes", summary.mean_of_scenes, summary.mean_of_scenes_in_largest)?;
+        both("pooled", summary.pooled, summary.pooled_in_largest)?;
     }
     if let Some(errors) = &report.errors {
         line("scannet: errors of the relative poses of all pairs".to_owned())?;

@@ -11,6 +11,8 @@ mod evaluate;
 mod evaluate_page;
 mod evaluate_retrieval;
 mod evaluate_set;
+mod evaluate_text;
+mod evaluate_truth;
 mod fuse;
 mod ground_truth;
 mod import_weights;

@@ -9,7 +9,7 @@ use scanweave::scan::{Reconstruction, Scan};
 use std::io::IsTerminal;
 
 /// Width where output is not a terminal (a file, a pipe).
-const PIPE_WIDTH: u16 = 120;
+const PIPE_WIDTH: u16 = 140;
 
 /// Logs what the stages found odd about the scans.
 pub fn warn(run: &Run, scans: &[Scan]) {

@@ -1,6 +1,6 @@
 //! `scanweave report`.
 
-use super::evaluate::against_truth;
+use super::evaluate_truth::against_truth;
 use super::options::ThreadOption;
 use super::progress::Progress;
 use super::result_folder::{CONFIG, OVERLAP, PAGE, POSES, REPORT, merged_files};
@@ -57,7 +57,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     };
     let reconstruction = poses.reconstruction()?;
     let truth = match &arguments.truth {
-        Some(truth) => Some(against_truth(&poses, &reconstruction, truth)?.0),
+        Some(truth) => Some(against_truth(&poses, &reconstruction, truth)?),
         None => None,
     };
     arguments.threads.start()?;

@@ -50,7 +50,8 @@ pub fn evaluate_scene(
     reference_quirks: bool,
 ) -> Result<SceneReport> {
     let by_number = truth.by_number();
-    let relative = |i: ScanId, j: ScanId| estimate.relative(*by_number.get(&i.0)?, *by_number.get(&j.0)?);
+    let relative =
+        |i: ScanId, j: ScanId| estimate.relative_in_component(*by_number.get(&i.0)?, *by_number.get(&j.0)?);
     let mut recalls = BTreeMap::new();
     for benchmark in &truth.pairs {
         let Some(config) = benchmark.protocol.recall(reference_quirks) else { continue };

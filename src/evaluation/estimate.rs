@@ -36,6 +36,12 @@ impl SceneEstimate {
         (a.0 == b.0).then(|| a.1.inverse() * b.1)
     }
 
+    /// [`Self::relative`], with the component that both are in.
+    pub fn relative_in_component(&self, i: usize, j: usize) -> Option<(usize, RigidMotion)> {
+        let component = (*self.poses.get(i)?)?.0;
+        self.relative(i, j).map(|i_from_j| (component, i_from_j))
+    }
+
     /// Scans with a pose.
     pub fn placed(&self) -> usize {
         self.poses.iter().flatten().count()

@@ -6,12 +6,14 @@ pub mod diagnosis;
 pub mod estimate;
 pub mod ground_truth;
 pub mod moments;
+pub mod placement;
 pub mod pose_error;
 pub mod protocol;
 pub mod recall;
 pub mod retrieval;
 pub mod retrieval_scores;
 pub mod scene;
+pub mod stated_error;
 
 /// Median (mean of the two middle values of an even number), `None` when empty.
 /// `values` may hold infinities but no NaN.

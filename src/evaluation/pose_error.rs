@@ -5,9 +5,9 @@ use super::{mean, median};
 use crate::geometry::RigidMotion;
 use crate::geometry::rotation_median;
 use crate::geometry::{motion, nearest_rotation, rotation_error_rad, translation_error_m};
-use crate::scan::{Reconstruction, ScanId};
+use crate::scan::{Placement, Reconstruction, ScanId};
 use crate::{Error, Result};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Rotation thresholds of the ScanNet protocol, degrees.
@@ -20,7 +20,7 @@ pub const TRANSLATION_THRESHOLDS_M: [f64; 5] = [0.05, 0.1, 0.25, 0.5, 0.75];
 pub struct PoseError {
     /// Angle between the rotations, degrees.
     pub rotation_deg: f64,
-    /// Distance of the translations, metres.
+    /// Distance of the translations, or of the two places of a point that is not zero, metres.
     pub translation_m: f64,
 }
 
@@ -32,6 +32,19 @@ impl PoseError {
             translation_m: translation_error_m(estimate, truth),
         }
     }
+
+    /// As [`Self::between`], but with the distance between the places to which the two poses take `point`.
+    /// A rotation about a zero far from the scan moves that zero not at all or the scan by much; at
+    /// the scan's centre the distance is what the scan itself is off.
+    pub fn at(estimate: &RigidMotion, truth: &RigidMotion, point: &Point3<f64>) -> Self {
+        let translation_m = (estimate * point - truth * point).norm();
+        Self { translation_m, ..Self::between(estimate, truth) }
+    }
+}
+
+/// The centre of a placed scan in the coordinates of its file, where the result states it.
+pub fn stated_centre(placement: &Placement) -> Option<Point3<f64>> {
+    placement.pose_uncertainty.as_ref()?.centre
 }
 
 /// Error of the relative pose of two scans.
@@ -184,8 +197,11 @@ pub struct PoseReport {
     pub components: usize,
     /// Every placed scan, in a frame fitted robustly to its component.
     pub scans: Vec<ScanError>,
-    /// Relative poses of every two scans of one component, all with an estimate.
+    /// Relative poses of every two scans of one component, all with an estimate. Measured at the
+    /// centre of the source scan where the result states it, else at the zero of its file.
     pub pairs: Vec<PairError>,
+    /// How many of `pairs` were measured at the centre of the source scan.
+    pub pairs_at_centre: usize,
     /// Two scans in one component that truly have nothing to do with each other.
     pub false_joins: Vec<(ScanId, ScanId)>,
     /// Summary of `scans`.
@@ -228,6 +244,8 @@ pub fn evaluate_groups(
         })
         .collect();
     let (mut pairs, mut false_joins) = (Vec::new(), Vec::new());
+    let centre = |scan: &ScanId| reconstruction.outcomes[scan.0].placement().and_then(stated_centre);
+    let mut pairs_at_centre = 0;
     for (k, (i, ci, wi)) in placed.iter().enumerate() {
         for (j, cj, wj) in &placed[k + 1..] {
             if ci != cj {
@@ -238,7 +256,10 @@ pub fn evaluate_groups(
                 continue;
             }
             let truth = truth[i.0].inverse() * truth[j.0];
-            let error = Some(PoseError::between(&(wi.inverse() * wj), &truth));
+            let centre = centre(j);
+            pairs_at_centre += usize::from(centre.is_some());
+            let at = centre.unwrap_or_else(Point3::origin);
+            let error = Some(PoseError::at(&(wi.inverse() * wj), &truth, &at));
             pairs.push(PairError { i: *i, j: *j, error });
         }
     }
@@ -262,6 +283,7 @@ pub fn evaluate_groups(
         pair_summary: ErrorSummary::new(&errors(&pairs)),
         scans,
         pairs,
+        pairs_at_centre,
         false_joins,
     })
 }
@@ -303,7 +325,7 @@ pub fn gauge(poses: &[(RigidMotion, RigidMotion)]) -> RigidMotion {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scan::{DeclineReason, Outcome, Placement};
+    use crate::scan::{DeclineReason, Outcome, PoseUncertainty};
     use approx::assert_relative_eq;
 
     fn pose(k: usize) -> RigidMotion {
@@ -336,6 +358,41 @@ mod tests {
         let error = PoseError::between(&e, &RigidMotion::identity());
         assert_relative_eq!(error.rotation_deg, 0.25f64.to_degrees(), epsilon = 1e-9);
         assert_relative_eq!(error.translation_m, 0.5, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn at_a_point_the_error_is_how_far_that_point_is_moved() {
+        // Half a turn about the axis x = 2, y = 0 along z: a point on it stays, the zero moves by twice 2.
+        let half_turn = RigidMotion::new(Vector3::new(4.0, 0.0, 0.0), Vector3::z() * std::f64::consts::PI);
+        let truth = RigidMotion::identity();
+        let at = |x: f64| PoseError::at(&half_turn, &truth, &Point3::new(x, 0.0, 7.0));
+        assert_relative_eq!(at(2.0).translation_m, 0.0, epsilon = 1e-12);
+        assert_relative_eq!(at(5.0).translation_m, 6.0, epsilon = 1e-12);
+        assert_relative_eq!(at(2.0).rotation_deg, 180.0, epsilon = 1e-9);
+        assert_relative_eq!(PoseError::between(&half_turn, &truth).translation_m, 4.0, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn pairs_are_measured_at_the_source_scans_centre_where_it_is_stated() {
+        let truth = vec![RigidMotion::identity(); 3];
+        // Scan 1 is turned by half a turn about its centre at x = 2; scan 2 states no centre.
+        let half_turn = RigidMotion::new(Vector3::new(4.0, 0.0, 0.0), Vector3::z() * std::f64::consts::PI);
+        let mut outcomes = vec![
+            placed(truth[0], 0),
+            placed(half_turn, 0),
+            placed(RigidMotion::translation(0.0, 0.0, 0.5), 0),
+        ];
+        let Outcome::Placed(turned) = &mut outcomes[1] else { panic!() };
+        let centre = Some(Point3::new(2.0, 0.0, 1.0));
+        turned.pose_uncertainty = Some(Box::new(PoseUncertainty { centre, ..PoseUncertainty::default() }));
+        let r = evaluate_against_truth(&Reconstruction { outcomes }, &truth).unwrap();
+        let found: Vec<_> = r.pairs.iter().map(|p| (p.i.0, p.j.0, p.error.unwrap().translation_m)).collect();
+        assert_eq!(found.iter().map(|p| (p.0, p.1)).collect::<Vec<_>>(), [(0, 1), (0, 2), (1, 2)]);
+        // Of the last pair the zero of the source comes to (4, 0, 0.5) of the turned frame instead of zero.
+        for (pair, expected) in found.iter().zip([0.0, 0.5, 16.25f64.sqrt()]) {
+            assert_relative_eq!(pair.2, expected, epsilon = 1e-12);
+        }
+        assert_eq!(r.pairs_at_centre, 1);
     }
 
     #[test]

@@ -75,8 +75,11 @@ pub struct PairRecall {
 pub struct RecallReport {
     /// Pairs the protocol counts.
     pub counted: usize,
-    /// Counted pairs within the threshold.
+    /// Counted pairs within the threshold, within all components.
     pub succeeded: usize,
+    /// Those of them in the largest component; `None` in reports of earlier versions.
+    #[serde(default)]
+    pub succeeded_in_largest: Option<usize>,
     /// Counted pairs without information.
     pub zero_information: usize,
     /// Counted pairs without an estimate; they count as failures.
@@ -90,6 +93,13 @@ impl RecallReport {
     pub fn recall(&self) -> Option<f64> {
         (self.counted > 0).then(|| self.succeeded as f64 / self.counted as f64)
     }
+
+    /// Successes in the largest component over all counted pairs; `None` without a counted pair, and
+    /// where they were not told apart.
+    pub fn recall_in_largest(&self) -> Option<f64> {
+        let succeeded = self.succeeded_in_largest?;
+        (self.counted > 0).then(|| succeeded as f64 / self.counted as f64)
+    }
 }
 
 /// Recall over several scenes.
@@ -99,6 +109,11 @@ pub struct RecallSummary {
     pub mean_of_scenes: Option<f64>,
     /// All successes over all counted pairs.
     pub pooled: Option<f64>,
+    /// As `mean_of_scenes`, in the largest component of each scene alone; `None` where any scene does
+    /// not tell.
+    pub mean_of_scenes_in_largest: Option<f64>,
+    /// As `pooled`, in the largest component of each scene alone; `None` where any scene does not tell.
+    pub pooled_in_largest: Option<f64>,
     /// Scenes with counted pairs.
     pub scenes: usize,
     /// Scenes without, which are in neither figure.
@@ -108,20 +123,22 @@ pub struct RecallSummary {
 impl RecallSummary {
     /// Sums up scenes.
     pub fn new<'a>(scenes: impl IntoIterator<Item = &'a RecallReport>) -> Self {
-        let (mut recalls, mut empty, mut counted, mut succeeded) = (Vec::new(), 0, 0, 0);
-        for scene in scenes {
-            counted += scene.counted;
-            succeeded += scene.succeeded;
-            match scene.recall() {
-                Some(r) => recalls.push(r),
-                None => empty += 1,
-            }
-        }
+        let (all, empty): (Vec<&RecallReport>, Vec<&RecallReport>) =
+            scenes.into_iter().partition(|scene| scene.counted > 0);
+        let counted: usize = all.iter().map(|scene| scene.counted).sum();
+        let pooled = |succeeded: usize| (counted > 0).then(|| succeeded as f64 / counted as f64);
+        let recalls: Vec<f64> = all.iter().filter_map(|scene| scene.recall()).collect();
+        // Not of those scenes alone that tell: they would be other scenes than those of the other figures.
+        let largest: Option<Vec<usize>> = all.iter().map(|scene| scene.succeeded_in_largest).collect();
+        let recalls_in_largest: Option<Vec<f64>> =
+            all.iter().map(|scene| scene.recall_in_largest()).collect();
         Self {
             mean_of_scenes: mean(&recalls),
-            pooled: (counted > 0).then(|| succeeded as f64 / counted as f64),
+            pooled: pooled(all.iter().map(|scene| scene.succeeded).sum()),
+            mean_of_scenes_in_largest: recalls_in_largest.and_then(|recalls| mean(&recalls)),
+            pooled_in_largest: largest.and_then(|succeeded| pooled(succeeded.iter().sum())),
             scenes: recalls.len(),
-            empty_scenes: empty,
+            empty_scenes: empty.len(),
         }
     }
 }
@@ -142,18 +159,20 @@ pub fn rmse_m(i_from_j_truth: &RigidMotion, estimate: &RigidMotion, information:
     (xi.dot(&(information * xi)) / scale).max(0.0).sqrt()
 }
 
-/// Recall of a scene: `relative(i, j)` is the estimated `i_from_j`, `None` where a scan was
-/// declined or the two are in different components.
+/// Recall of a scene: `relative(i, j)` is the estimated `i_from_j` with the component that both scans
+/// are in, `None` where a scan was declined or the two are in different components. Component 0 is the
+/// largest; poses that are not of components have that number.
 ///
 /// # Errors
 /// An invalid config, or a counted pair without an information matrix.
 pub fn registration_recall(
     pairs: &[PairTruth],
-    relative: impl Fn(ScanId, ScanId) -> Option<RigidMotion>,
+    relative: impl Fn(ScanId, ScanId) -> Option<(usize, RigidMotion)>,
     config: &RecallConfig,
 ) -> Result<RecallReport> {
     config.validate()?;
     let mut report = RecallReport::default();
+    let mut in_largest = 0;
     let counted = pairs
         .iter()
         .filter(|p| !config.skip_adjacent || p.i.0.abs_diff(p.j.0) > 1)
@@ -167,17 +186,20 @@ pub fn registration_recall(
                 "use the gt.info that belongs to this gt.log",
             ));
         };
-        let rmse_m = relative(pair.i, pair.j).map(|e| rmse_m(&pair.i_from_j, &e, information));
+        let estimate = relative(pair.i, pair.j);
+        let rmse_m = estimate.map(|e| rmse_m(&pair.i_from_j, &e.1, information));
         let success = rmse_m.is_some_and(|e| e * e <= config.threshold_m * config.threshold_m);
         let zero_information = information[(0, 0)] == 0.0;
         report.counted += 1;
         report.succeeded += usize::from(success);
+        in_largest += usize::from(success && estimate.is_some_and(|e| e.0 == 0));
         report.zero_information += usize::from(zero_information);
         if rmse_m.is_none() {
             report.declined.push((pair.i, pair.j));
         }
         report.pairs.push(PairRecall { i: pair.i, j: pair.j, rmse_m, success, zero_information });
     }
+    report.succeeded_in_largest = Some(in_largest);
     Ok(report)
 }
 
@@ -229,10 +251,11 @@ mod tests {
         ];
         let at = |i: ScanId, j: ScanId| pairs.iter().find(|p| p.i == i && p.j == j).unwrap().i_from_j;
         let off = |x: f64| RigidMotion::translation(x, 0.0, 0.0);
+        // The last two are in the second largest component.
         let estimate = |i: ScanId, j: ScanId| match i.0 {
-            0 => Some(at(i, j) * off(0.199_999)),
-            1 => Some(at(i, j) * off(0.200_001)),
-            2 => Some(at(i, j) * off(5.0)), // wrong, but nobody can tell
+            0 => Some((0, at(i, j) * off(0.199_999))),
+            1 => Some((1, at(i, j) * off(0.200_001))),
+            2 => Some((1, at(i, j) * off(5.0))), // wrong, but nobody can tell
             _ => None,
         };
         let r = registration_recall(&pairs, estimate, &RecallConfig::default()).unwrap();
@@ -240,11 +263,12 @@ mod tests {
         assert_eq!(r.declined, [(ScanId(6), ScanId(3))]);
         assert_eq!(r.pairs.iter().map(|p| p.success).collect::<Vec<_>>(), [true, false, true, false]);
         assert_eq!(r.recall(), Some(0.5));
+        assert_eq!((r.succeeded_in_largest, r.recall_in_largest()), (Some(1), Some(0.25)));
         let all = RecallConfig { skip_adjacent: false, ..RecallConfig::default() };
         assert_eq!(registration_recall(&pairs, estimate, &all).unwrap().counted, 5);
         let quirks = RecallConfig { reference_quirks: true, ..RecallConfig::default() };
         let quirky = registration_recall(&pairs, estimate, &quirks).unwrap();
-        assert_eq!((quirky.counted, quirky.succeeded), (3, 1));
+        assert_eq!((quirky.counted, quirky.succeeded, quirky.succeeded_in_largest), (3, 1, Some(0)));
         let eth = registration_recall(&pairs, estimate, &RecallConfig::eth()).unwrap();
         assert_eq!(eth.succeeded, 3);
         // 2 of 4 and 1 of 3: mean of scenes 5/12, pooled 3/7; a scene without pairs is in neither.
@@ -252,13 +276,21 @@ mod tests {
         assert_relative_eq!(summary.mean_of_scenes.unwrap(), 5.0 / 12.0);
         assert_relative_eq!(summary.pooled.unwrap(), 3.0 / 7.0);
         assert_eq!((summary.scenes, summary.empty_scenes), (2, 1));
+        // 1 of 4 and 0 of 3.
+        assert_relative_eq!(summary.mean_of_scenes_in_largest.unwrap(), 0.125);
+        assert_relative_eq!(summary.pooled_in_largest.unwrap(), 1.0 / 7.0);
+        // A report of an earlier version does not tell: neither does the summary.
+        let earlier = RecallReport { succeeded_in_largest: None, ..r.clone() };
+        let summary = RecallSummary::new([&earlier, &quirky]);
+        assert_eq!((summary.mean_of_scenes_in_largest, summary.pooled_in_largest), (None, None));
+        assert_relative_eq!(summary.pooled.unwrap(), 3.0 / 7.0);
     }
 
     #[test]
     fn missing_information_and_bad_thresholds_are_named() {
         let mut p = pair(3, 7, Matrix6::identity());
         p.information = None;
-        let none = |_: ScanId, _: ScanId| None;
+        let none = |_: ScanId, _: ScanId| None::<(usize, RigidMotion)>;
         let e = registration_recall(&[p], none, &RecallConfig::default()).unwrap_err().to_string();
         assert!(e.contains("pair 3 7") && e.contains("gt.info"), "{e}");
         for threshold_m in [0.0, f64::NAN] {

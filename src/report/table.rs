@@ -91,6 +91,7 @@ fn evidence_columns(rows: &[Row]) -> Vec<(&'static str, Vec<String>)> {
         ("ratio", column(|r| share(r.inlier_ratio))),
         ("overlap", column(|r| share(r.overlap))),
         ("residual", column(|r| r.residual_m.map(length).unwrap_or_default())),
+        ("prob.", column(|r| share(r.probability))),
     ]
 }
 
@@ -134,6 +135,31 @@ pub fn length(metres: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_placed_scan_has_its_stated_probability_and_declined_scans_have_none() {
+        let row = |scan: &str, outcome: &str, probability: Option<f64>| Row {
+            scan: scan.to_owned(),
+            outcome: outcome.to_owned(),
+            component: None,
+            step: None,
+            parent: None,
+            matches: None,
+            inliers: None,
+            inlier_ratio: None,
+            overlap: None,
+            residual_m: None,
+            probability,
+            reason: None,
+        };
+        let rows =
+            [row("a", "pivot", Some(0.996)), row("b", "placed", Some(0.874)), row("c", "declined", None)];
+        let table = scans_table(&rows, Some(120));
+        let lines: Vec<&str> = table.lines().map(str::trim_end).collect();
+        assert!(lines[0].ends_with("prob."), "{table}");
+        let ends: Vec<&str> = lines[2..].iter().map(|l| l.split_whitespace().last().unwrap()).collect();
+        assert_eq!(ends, ["1.00", "0.87", "declined"]);
+    }
 
     #[test]
     fn lengths_carry_the_unit_a_person_would_use() {

@@ -88,7 +88,14 @@ fn summary(all: &Evaluation) -> Section {
         let (scenes, pooled) = (counted(recall.scenes, "scene"), percent(recall.pooled));
         figures.push((
             format!("{} %", percent(recall.mean_of_scenes)),
-            format!("{name}: mean of {scenes}; all pairs pooled {pooled} %"),
+            format!("{name}, within all components: mean of {scenes}; all pairs pooled {pooled} %"),
+        ));
+        figures.push((
+            format!("{} %", percent(recall.mean_of_scenes_in_largest)),
+            format!(
+                "{name}, in the largest component alone: mean of {scenes}; all pairs pooled {} %",
+                percent(recall.pooled_in_largest)
+            ),
         ));
     }
     let judged: Vec<PoseError> = all.scenes.iter().flat_map(scan_errors).collect();
@@ -98,7 +105,9 @@ fn summary(all: &Evaluation) -> Section {
         figures.push((format!("{:.2}°", middle.median_rotation_deg), "and of its direction".to_owned()));
     }
     let text = "A pair of scans is registered when the error of its relative pose is within the limit of \
-                the benchmark. A pair with a scan that was left out counts as failed.";
+                the benchmark. A pair with a scan that was left out counts as failed, and so does one whose \
+                scans are in different components. In the largest component alone, pairs of smaller \
+                components count as failed too.";
     Section { title: "Figures".to_owned(), text: text.to_owned(), blocks: vec![Block::Figures(figures)] }
 }
 
@@ -118,7 +127,8 @@ fn scan_errors(scene: &SceneSheet) -> impl Iterator<Item = PoseError> + '_ {
 fn scenes(all: &Evaluation) -> Section {
     let mut head = heads(&["scene", "scans", "placed"]);
     for name in all.recalls.keys() {
-        head.extend([format!("{name} %"), "registered".to_owned(), "counted".to_owned()]);
+        head.extend([format!("{name} %"), format!("{name} largest %")]);
+        head.extend(heads(&["registered", "in largest", "counted"]));
     }
     head.extend(heads(&["models", "median °", "median m", "most °", "most m"]));
     let row = |s: &SceneSheet| {
@@ -127,7 +137,9 @@ fn scenes(all: &Evaluation) -> Section {
         for name in all.recalls.keys() {
             let recall = r.recalls.get(name);
             row.push(percent(recall.and_then(|r| r.recall())));
-            row.extend([recall.map(|r| r.succeeded), recall.map(|r| r.counted)].map(count));
+            row.push(percent(recall.and_then(|r| r.recall_in_largest())));
+            let in_largest = recall.and_then(|r| r.succeeded_in_largest);
+            row.extend([recall.map(|r| r.succeeded), in_largest, recall.map(|r| r.counted)].map(count));
         }
         let poses = s.poses.as_ref();
         row.push(count(poses.map(|p| p.components)));
@@ -142,7 +154,8 @@ fn scenes(all: &Evaluation) -> Section {
         ]);
         row
     };
-    let text = "Errors are those of the scans, each in a frame fitted to its model.";
+    let text = "Recall is that within all components; \"largest\" is that in the largest component alone. Errors \
+                are those of the scans, each in a frame fitted to its model.";
     Section {
         title: "Scenes".to_owned(),
         text: text.to_owned(),
@@ -196,9 +209,14 @@ fn errors(all: &Evaluation) -> Result<Option<Section>> {
     ];
     let caption = format!(
         "Share of {} (each in a frame fitted to its model) and of {} whose error is at most that far; those \
-         without an estimate never are.",
+         without an estimate never are. Translation errors are measured at the zero of a scan's file{}.",
         counted(all_scans, "scan"),
-        counted(all_pairs, "pair")
+        counted(all_pairs, "pair"),
+        match judged().map(|p| p.pairs_at_centre).sum::<usize>() {
+            0 => "",
+            n if n == pairs.len() => ", those of pairs at the source scan's centre",
+            _ => ", those of pairs at the source scan's centre where it is known",
+        }
     );
     let blocks = vec![Block::chart(&panels, caption)?];
     Ok(Some(Section { title: "Errors of the poses".to_owned(), text: String::new(), blocks }))

@@ -123,6 +123,7 @@ fn scene() -> SceneSheet {
     let recall = RecallReport {
         counted: 3,
         succeeded: 1,
+        succeeded_in_largest: Some(0),
         zero_information: 0,
         declined: vec![(ScanId(0), ScanId(3))],
         pairs: vec![judged(1, Some(0.1), true), judged(2, Some(0.5), false), judged(3, None, false)],
@@ -155,6 +156,7 @@ fn scene() -> SceneSheet {
             pair_summary: crate::evaluation::pose_error::ErrorSummary::new(&off),
             scans: (0..3).map(scan_error).collect(),
             pairs: pairs_within,
+            pairs_at_centre: 3,
             false_joins: Vec::new(),
         }),
         diagnosis: Ok(Diagnosis { limit_m: 0.2, scans, pairs }),
@@ -174,11 +176,18 @@ fn an_evaluation_says_what_came_out_and_which_scan_went_wrong_first() {
     let titles: Vec<&str> = sheet.sections.iter().map(|s| s.title.as_str()).collect();
     assert_eq!(titles, ["Figures", "Scenes", "Errors of the poses", "kitchen"]);
     let Block::Figures(figures) = &sheet.sections[0].blocks[0] else { panic!() };
-    assert_eq!(figures[0], ("33.3 %".into(), "3dmatch: mean of 1 scene; all pairs pooled 33.3 %".into()));
-    assert_eq!((figures[1].0.as_str(), figures[2].0.as_str()), ("2.0 cm", "1.50°"));
+    assert_eq!(figures[0].0, "33.3 %");
+    assert_eq!(figures[0].1, "3dmatch, within all components: mean of 1 scene; all pairs pooled 33.3 %");
+    assert_eq!(figures[1].0, "0.0 %");
+    assert_eq!(
+        figures[1].1,
+        "3dmatch, in the largest component alone: mean of 1 scene; all pairs pooled 0.0 %"
+    );
+    assert_eq!((figures[2].0.as_str(), figures[3].0.as_str()), ("2.0 cm", "1.50°"));
     let Block::Grid(scenes) = &sheet.sections[1].blocks[0] else { panic!() };
-    assert_eq!(scenes.rows[0].cells[..6], ["kitchen", "4", "3", "33.3", "1", "3"]);
-    assert_eq!(scenes.rows[0].cells[6..], ["1", "1.50", "0.0200", "40.00", "0.6000"]);
+    assert_eq!(scenes.head[3..8], ["3dmatch %", "3dmatch largest %", "registered", "in largest", "counted"]);
+    assert_eq!(scenes.rows[0].cells[..8], ["kitchen", "4", "3", "33.3", "0.0", "1", "0", "3"]);
+    assert_eq!(scenes.rows[0].cells[8..], ["1", "1.50", "0.0200", "40.00", "0.6000"]);
 
     let blocks = &sheet.sections[3].blocks;
     let Block::Text(said) = &blocks[0] else { panic!() };

@@ -91,7 +91,7 @@ pub struct Pose {
     pub inlier_ratio: f64,
     /// Root mean square distance of the inliers, metres.
     pub residual_m: f64,
-    /// Evidence at the time it joined; null for a pivot.
+    /// What speaks for the pose; null for a pivot that nothing was compared with.
     pub evidence: Option<Evidence>,
     /// Agreement with every placed scan it touches, at the final poses.
     pub neighbours: Vec<NeighbourEvidence>,
@@ -239,7 +239,7 @@ fn quaternion(pose: &RigidMotion) -> [f64; 4] {
 mod tests {
     use super::*;
     use crate::scan::PointCloud;
-    use nalgebra::Vector3;
+    use nalgebra::{Point3, Vector3};
 
     fn scan(id: usize) -> Scan {
         Scan { id: ScanId(id), name: format!("s{id}"), path: None, cloud: PointCloud::default() }
@@ -287,5 +287,26 @@ mod tests {
         assert_eq!(json["scans"][2]["decline"]["needed"], 12);
         let back: Document = serde_json::from_str(&text).unwrap();
         assert_eq!(back.to_json(), text);
+    }
+
+    #[test]
+    fn the_centre_is_three_numbers_and_files_without_it_are_read() {
+        let mut outcome = placed(0, None);
+        let Outcome::Placed(placement) = &mut outcome else { panic!() };
+        let centre = Some(Point3::new(1.5, -2.0, 500_000.25));
+        let uncertainty = PoseUncertainty { centre, ..PoseUncertainty::default() };
+        placement.pose_uncertainty = Some(Box::new(uncertainty));
+        let document = Document::new(&[scan(0)], &Reconstruction { outcomes: vec![outcome] });
+        let mut json: serde_json::Value = serde_json::from_str(&document.to_json()).unwrap();
+        let stated = json["scans"][0]["pose_uncertainty"].as_object_mut().unwrap();
+        assert_eq!(stated["centre"], serde_json::json!([1.5, -2.0, 500_000.25]));
+        let uncertainty = |json: &serde_json::Value| {
+            let document: Document = serde_json::from_value(json.clone()).unwrap();
+            let read = document.reconstruction().unwrap();
+            read.outcomes[0].placement().unwrap().pose_uncertainty.clone().unwrap()
+        };
+        stated.remove("centre");
+        assert_eq!(*uncertainty(&json), PoseUncertainty::default());
+        assert_eq!(uncertainty(&serde_json::from_str(&document.to_json()).unwrap()).centre, centre);
     }
 }

@@ -53,6 +53,9 @@ pub struct Row {
     pub overlap: Option<f64>,
     /// Root mean square distance of the inliers, metres.
     pub residual_m: Option<f64>,
+    /// Stated probability that its pose is right, in `[0, 1]`; none where only inliers are counted.
+    #[serde(default)]
+    pub probability: Option<f64>,
     /// Why it was declined.
     pub reason: Option<String>,
 }
@@ -142,6 +145,7 @@ fn row(entry: &Entry, all: &[Entry]) -> Row {
         inlier_ratio: None,
         overlap: None,
         residual_m: None,
+        probability: None,
         reason: None,
     };
     match &entry.outcome {
@@ -152,6 +156,7 @@ fn row(entry: &Entry, all: &[Entry]) -> Row {
             row.overlap = of_parent.or_else(largest).map(|n| n.overlap);
             row.component = Some(pose.component);
             row.step = Some(pose.step);
+            row.probability = pose.evidence.and_then(|e| e.probability);
             row.outcome = if pose.parent.is_some() { "placed" } else { "pivot" }.to_owned();
             if let Some(parent) = pose.parent {
                 row.parent = all.get(parent).map(|e| e.name.clone());

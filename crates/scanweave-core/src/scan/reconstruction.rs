@@ -2,7 +2,7 @@
 
 use super::ScanId;
 use crate::geometry::RigidMotion;
-use nalgebra::Matrix6;
+use nalgebra::{Matrix6, Point3};
 use serde::{Deserialize, Serialize};
 
 /// Agreement of a placed scan with one other placed scan, measured at the final poses.
@@ -60,6 +60,10 @@ pub struct PoseUncertainty {
     /// displacement of the scan's centre (metres), both in the component's frame. `None` where no
     /// surfaces were compared.
     pub covariance: Option<Matrix6<f64>>,
+    /// The scan's centre that the covariance refers to: that of the box around its surface along the
+    /// axes of its own frame, in the coordinates of its file, metres. `None` in files of an earlier version.
+    #[serde(default)]
+    pub centre: Option<Point3<f64>>,
 }
 
 /// Two scans that hold each other.
@@ -224,6 +228,12 @@ impl Reconstruction {
         let a = self.outcomes.get(i.0)?.placement()?;
         let b = self.outcomes.get(j.0)?.placement()?;
         (a.component == b.component).then(|| a.world_from_scan.inverse() * b.world_from_scan)
+    }
+
+    /// [`Self::relative`], with the component that both are in.
+    pub fn relative_in_component(&self, i: ScanId, j: ScanId) -> Option<(usize, RigidMotion)> {
+        let component = self.outcomes.get(i.0)?.placement()?.component;
+        self.relative(i, j).map(|i_from_j| (component, i_from_j))
     }
 
     /// Number of placed scans.

@@ -27,6 +27,7 @@ impl Agglomeration<'_> {
             .map(|(covariance, member)| PoseUncertainty {
                 weakest_edge: weakest.get(&member.0).copied(),
                 covariance,
+                centre: Some(models[member.0.0].centre.cast()),
             })
             .collect()
     }
