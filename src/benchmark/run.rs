@@ -272,7 +272,7 @@ impl Worker<'_> {
             features_reused: described.reused.iter().filter(|r| **r).count(),
             peak_memory_bytes,
             peak_memory_of: if alone { PeakOf::Cell } else { PeakOf::Process },
-            poses: Document::new(&scene.scans, &reconstruction),
+            poses: Document::new(&scene.scans, &reconstruction, described.scale.inlier_radius_m),
         })
     }
 }

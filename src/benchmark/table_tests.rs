@@ -77,7 +77,7 @@ fn cell(key: CellKey, counted: usize, succeeded: usize, declined: usize, seconds
         features_reused: 0,
         peak_memory_bytes: Some(1000 * counted as u64),
         peak_memory_of: PeakOf::Cell,
-        poses: Document::new(&[], &Reconstruction::default()),
+        poses: Document::new(&[], &Reconstruction::default(), 0.07),
         key,
     }
 }

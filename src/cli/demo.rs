@@ -61,7 +61,7 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
     let set = clock.time("scanning", || synthetic::generate(&arguments.scene.config(), &progress))?;
     let run = pipeline::run(&set.scans, &config, &FeatureSource::Computed, &progress)?;
 
-    let poses = result::poses::Document::new(&set.scans, &run.reconstruction);
+    let poses = result::poses::Document::new(&set.scans, &run.reconstruction, run.scale.inlier_radius_m);
     let comparisons = compare(&set, &run.reconstruction);
     let wrong = comparisons.iter().filter(|v| !v.right).count();
     if !verbosity.quiet {

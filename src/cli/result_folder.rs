@@ -65,7 +65,7 @@ impl ResultFolder {
         monitor.check("writing the result")?;
         self.remove_old_result()?;
         clock.stages.extend(run.timings.iter().cloned());
-        let poses = Document::new(scans, &run.reconstruction);
+        let poses = Document::new(scans, &run.reconstruction, run.scale.inlier_radius_m);
         let settings = config.to_toml()?;
         clock.time("writing", || -> Result<()> {
             self.write_clouds(scans, run, config)?;

@@ -1,6 +1,7 @@
 //! The summary a person reads.
 
 use crate::result::run::{Row, RunReport};
+use crate::scan::Doubt;
 use comfy_table::{Attribute, Cell, CellAlignment, ContentArrangement, Table};
 use comfy_table::{LineStyle, TableStyle};
 use std::fmt::Write;
@@ -29,6 +30,16 @@ pub fn summary(report: &RunReport, width: Option<u16>) -> String {
     if report.components > 1 {
         text.push_str(" (poses of different components are unrelated)");
     }
+    for (doubt, meaning) in [
+        (Doubt::Ambiguous, "ambiguous: another pose is not ruled out"),
+        (Doubt::PoorlyLocalised, "poorly localised: held loosely by what touches it"),
+    ] {
+        let doubtful: Vec<&str> =
+            report.evidence.iter().filter(|r| r.doubts.contains(&doubt)).map(|r| r.scan.as_str()).collect();
+        if !doubtful.is_empty() {
+            write!(text, "\ndoubtful {} {meaning} ({})", doubtful.len(), named(&doubtful)).ok();
+        }
+    }
     write!(
         text,
         "\nscale    {}\noverlap  {}\ntime     {:.1} s (",
@@ -50,6 +61,13 @@ pub fn summary(report: &RunReport, width: Option<u16>) -> String {
     }
     text.push('\n');
     text
+}
+
+/// The first few names, and how many more there are.
+fn named(names: &[&str]) -> String {
+    const FEW: usize = 5;
+    let first = names[..names.len().min(FEW)].join(", ");
+    if names.len() > FEW { format!("{first} and {} more", names.len() - FEW) } else { first }
 }
 
 fn scans_table(rows: &[Row], width: Option<u16>) -> String {
@@ -150,6 +168,7 @@ mod tests {
             overlap: None,
             residual_m: None,
             probability,
+            doubts: Vec::new(),
             reason: None,
         };
         let rows =
@@ -159,6 +178,12 @@ mod tests {
         assert!(lines[0].ends_with("prob."), "{table}");
         let ends: Vec<&str> = lines[2..].iter().map(|l| l.split_whitespace().last().unwrap()).collect();
         assert_eq!(ends, ["1.00", "0.87", "declined"]);
+    }
+
+    #[test]
+    fn a_few_names_stand_for_many() {
+        assert_eq!(named(&["a", "b"]), "a, b");
+        assert_eq!(named(&["a", "b", "c", "d", "e", "f", "g"]), "a, b, c, d, e and 2 more");
     }
 
     #[test]

@@ -5,6 +5,12 @@ import { counted, length, overlapOf, predicted, share, verified } from './data.j
 import { css, scanColour } from './colours.js';
 import { compared, sortState } from './sort.js';
 
+/** What is doubtful about a scan, by the word of poses.json. */
+const DOUBTS = {
+  ambiguous: 'ambiguous: another pose is not ruled out',
+  'poorly-localised': 'poorly localised: held loosely by what touches it',
+};
+
 export function leftOut(data, state) {
   const lost = data.scans.map((s, i) => [s, i]).filter(([s]) => s.left_out);
   if (!lost.length) return;
@@ -115,6 +121,7 @@ function columns(data) {
     ['Residual', joined((p) => p.residual_m), length],
     ['Probability', evidence((p) => p.probability), share],
     uncertain ? ['Uncertainty', placed((p) => p.pose_uncertainty?.deviation_m ?? null), (v) => `± ${length(v)}`] : null,
+    data.scans.some((s) => s.placed?.doubts?.length) ? ['Doubtful', placed((p) => (p.doubts ?? []).join(', ').replaceAll('-', ' ')), String, 'text'] : null,
     judged ? ['Angle off', (s) => s.error?.rotation_deg ?? null, degrees] : null,
     judged ? ['Shift off', (s) => s.error?.translation_m ?? null, length] : null,
     ['Points', (s) => s.size?.points ?? null, (v) => v.toLocaleString('en')],
@@ -214,6 +221,7 @@ function factsOf(data, scan) {
     if (typeof s.probability === 'number') facts.push(['Probability to be right', share(s.probability)]);
   }
   if (p.parent !== null) facts.push(['Residual', length(p.residual_m)]);
+  for (const doubt of p.doubts ?? []) facts.push(['Doubtful', DOUBTS[doubt] ?? doubt]);
   const uncertainty = p.pose_uncertainty;
   if (typeof uncertainty?.deviation_m === 'number') {
     facts.push(['Pose uncertainty', `± ${length(uncertainty.deviation_m)}, ± ${degrees(uncertainty.deviation_deg)} (one standard deviation)`]);

@@ -7,7 +7,7 @@ use crate::geometry::RigidMotion;
 use crate::result::poses::{Component, Entry, EntryOutcome, Pose};
 use crate::result::run::{ScanSize, StageTime};
 use crate::scan::WorkingScale;
-use crate::scan::{Evidence, NeighbourEvidence, PoseUncertainty, SimilarityMatrix};
+use crate::scan::{Doubt, Evidence, NeighbourEvidence, PoseUncertainty, SimilarityMatrix};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use nalgebra::Matrix4;
@@ -62,6 +62,7 @@ struct PlacedData<'a> {
     residual_m: f64,
     evidence: Option<&'a Evidence>,
     pose_uncertainty: Option<UncertaintyData>,
+    doubts: &'a [Doubt],
     neighbours: &'a [NeighbourEvidence],
 }
 
@@ -178,6 +179,7 @@ fn placed<'a>(entry: &'a Entry, input: &Input<'_>) -> Option<PlacedData<'a>> {
         residual_m: pose.residual_m,
         evidence: pose.evidence.as_ref(),
         pose_uncertainty: pose.pose_uncertainty.as_deref().map(UncertaintyData::new),
+        doubts: &pose.doubts,
         neighbours: &pose.neighbours,
     })
 }

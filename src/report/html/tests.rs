@@ -34,7 +34,7 @@ fn named(names: &[&str], outcomes: Vec<Outcome>) -> Document {
         cloud: PointCloud::default(),
     };
     let scans: Vec<Scan> = names.iter().enumerate().map(scan).collect();
-    Document::new(&scans, &Reconstruction { outcomes })
+    Document::new(&scans, &Reconstruction { outcomes }, 0.07)
 }
 
 fn run_report(document: &Document) -> RunReport {

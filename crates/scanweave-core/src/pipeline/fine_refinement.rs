@@ -125,6 +125,8 @@ fn refine_component(
         placement.world_from_scan = scan.world_from_scan;
         if let Some(uncertainty) = &mut placement.pose_uncertainty {
             uncertainty.covariance = covariance;
+            // The covariance is that of this point.
+            uncertainty.centre = Some(scan.model.centre.cast());
         }
     }
     Ok(())

@@ -85,7 +85,7 @@ mod tests {
         let touching = vec![NeighbourEvidence { scan: ScanId(0), overlap: 0.375, residual_m: 0.1 }];
         let declined = Outcome::Declined(DeclineReason::TooFewKeypoints { keypoints: 0, needed: 3 });
         let outcomes = vec![placed(Vec::new()), placed(touching), declined];
-        let document = Document::new(&[scan(0), scan(1), scan(2)], &Reconstruction { outcomes });
+        let document = Document::new(&[scan(0), scan(1), scan(2)], &Reconstruction { outcomes }, 0.07);
         let predicted =
             SimilarityMatrix::new(3, vec![0.0, 0.5, 0.25, 0.5, 0.0, 0.125, 0.25, 0.125, 0.0]).unwrap();
         let text = csv(&predicted, &document);

@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::geometry::rigid::motion_from_matrix;
 use crate::scan::{
-    DeclineReason, Evidence, NeighbourEvidence, Outcome, Placement, PoseUncertainty, Reconstruction, Scan,
+    DeclineReason, Doubt, Evidence, NeighbourEvidence, Outcome, Placement, PoseUncertainty, Reconstruction, Scan,
     ScanId,
 };
 use nalgebra::Matrix4;
@@ -98,16 +98,20 @@ pub struct Pose {
     /// How firmly it is held; null where that was not assessed.
     #[serde(default)]
     pub pose_uncertainty: Option<Box<PoseUncertainty>>,
+    /// What is doubtful about it: `ambiguous`, `poorly-localised`.
+    #[serde(default)]
+    pub doubts: Vec<Doubt>,
 }
 
 impl Document {
-    /// The document of a registration; `scans[i]` belongs to `outcomes[i]`.
-    pub fn new(scans: &[Scan], reconstruction: &Reconstruction) -> Self {
+    /// The document of a registration with an inlier radius of `inlier_radius_m` (τ, metres);
+    /// `scans[i]` belongs to `outcomes[i]`.
+    pub fn new(scans: &[Scan], reconstruction: &Reconstruction, inlier_radius_m: f64) -> Self {
         let entries = scans.iter().zip(&reconstruction.outcomes).map(|(scan, outcome)| Entry {
             id: scan.id.0,
             name: scan.name.clone(),
             file: scan.path.as_ref().map(|p| p.display().to_string()),
-            outcome: EntryOutcome::of(outcome),
+            outcome: EntryOutcome::of(outcome, inlier_radius_m),
         });
         Self {
             format: FORMAT.to_owned(),
@@ -157,9 +161,9 @@ impl Document {
 }
 
 impl EntryOutcome {
-    fn of(outcome: &Outcome) -> Self {
+    fn of(outcome: &Outcome, inlier_radius_m: f64) -> Self {
         match outcome {
-            Outcome::Placed(placement) => EntryOutcome::Placed(Box::new(Pose::of(placement))),
+            Outcome::Placed(placement) => EntryOutcome::Placed(Box::new(Pose::of(placement, inlier_radius_m))),
             Outcome::Declined(reason) => {
                 EntryOutcome::Declined { decline: reason.clone(), explanation: reason.to_string() }
             }
@@ -168,7 +172,7 @@ impl EntryOutcome {
 }
 
 impl Pose {
-    fn of(placement: &Placement) -> Self {
+    fn of(placement: &Placement, inlier_radius_m: f64) -> Self {
         Self {
             component: placement.component,
             step: placement.step,
@@ -182,6 +186,7 @@ impl Pose {
             evidence: placement.evidence,
             neighbours: placement.neighbours.clone(),
             pose_uncertainty: placement.pose_uncertainty.clone(),
+            doubts: placement.doubts(inlier_radius_m),
         }
     }
 
@@ -267,7 +272,7 @@ mod tests {
         let reason = DeclineReason::TooFewInliers { inliers: 3, needed: 12, matches: 40 };
         let outcomes = vec![placed(0, Some(1)), placed(0, None), Outcome::Declined(reason)];
         let scans: Vec<Scan> = (0..3).map(scan).collect();
-        let text = Document::new(&scans, &Reconstruction { outcomes }).to_json();
+        let text = Document::new(&scans, &Reconstruction { outcomes }, 0.07).to_json();
         let json: serde_json::Value = serde_json::from_str(&text).unwrap();
         assert_eq!(json["format"], "scanweave-poses");
         assert_eq!(json["version"], 3);
@@ -296,7 +301,7 @@ mod tests {
         let centre = Some(Point3::new(1.5, -2.0, 500_000.25));
         let uncertainty = PoseUncertainty { centre, ..PoseUncertainty::default() };
         placement.pose_uncertainty = Some(Box::new(uncertainty));
-        let document = Document::new(&[scan(0)], &Reconstruction { outcomes: vec![outcome] });
+        let document = Document::new(&[scan(0)], &Reconstruction { outcomes: vec![outcome] }, 0.07);
         let mut json: serde_json::Value = serde_json::from_str(&document.to_json()).unwrap();
         let stated = json["scans"][0]["pose_uncertainty"].as_object_mut().unwrap();
         assert_eq!(stated["centre"], serde_json::json!([1.5, -2.0, 500_000.25]));

@@ -2,7 +2,7 @@
 
 use super::poses::{Document, Entry, EntryOutcome};
 use crate::error::{Error, Result};
-use crate::scan::WorkingScale;
+use crate::scan::{Doubt, WorkingScale};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -56,6 +56,9 @@ pub struct Row {
     /// Stated probability that its pose is right, in `[0, 1]`; none where only inliers are counted.
     #[serde(default)]
     pub probability: Option<f64>,
+    /// What is doubtful about its pose.
+    #[serde(default)]
+    pub doubts: Vec<Doubt>,
     /// Why it was declined.
     pub reason: Option<String>,
 }
@@ -146,6 +149,7 @@ fn row(entry: &Entry, all: &[Entry]) -> Row {
         overlap: None,
         residual_m: None,
         probability: None,
+        doubts: Vec::new(),
         reason: None,
     };
     match &entry.outcome {
@@ -156,6 +160,7 @@ fn row(entry: &Entry, all: &[Entry]) -> Row {
             row.overlap = of_parent.or_else(largest).map(|n| n.overlap);
             row.component = Some(pose.component);
             row.step = Some(pose.step);
+            row.doubts.clone_from(&pose.doubts);
             row.probability = pose.evidence.and_then(|e| e.probability);
             row.outcome = if pose.parent.is_some() { "placed" } else { "pivot" }.to_owned();
             if let Some(parent) = pose.parent {

@@ -16,7 +16,8 @@ pub use depth::{DepthImage, Intrinsics};
 pub use features::{Descriptors, Features};
 pub use pose_graph::{PairKey, PairRegistration, PoseEdge, PoseGraph};
 pub use reconstruction::{
-    DeclineReason, Evidence, NeighbourEvidence, Outcome, Placement, PoseUncertainty, Reconstruction, ScanEdge,
+    DeclineReason, Doubt, Evidence, NeighbourEvidence, Outcome, Placement, PoseUncertainty, Reconstruction,
+    ScanEdge,
 };
 pub use similarity::SimilarityMatrix;
 pub use surface::Surface;

@@ -113,7 +113,33 @@ pub struct Placement {
     pub pose_uncertainty: Option<Box<PoseUncertainty>>,
 }
 
+/// What is doubtful about a placed scan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum Doubt {
+    /// Other poses are not ruled out: the stated probability is below nine tenths.
+    Ambiguous,
+    /// The stated standard deviation of its centre, relative to the pivot, exceeds the inlier radius, or
+    /// that of its rotation five degrees.
+    PoorlyLocalised,
+}
+
 impl Placement {
+    /// What is doubtful about it, for an inlier radius τ in metres.
+    pub fn doubts(&self, inlier_radius_m: f64) -> Vec<Doubt> {
+        /// Probability from which other poses are ruled out.
+        const UNAMBIGUOUS: f64 = 0.9;
+        /// Largest deviation of the rotation of a well localised scan, degrees.
+        const LOCALISED_DEG: f64 = 5.0;
+        let probability = self.evidence.and_then(|e| e.probability);
+        let ambiguous = probability.is_some_and(|p| p < UNAMBIGUOUS);
+        let deviation = self.pose_uncertainty.as_ref().and_then(|u| u.deviation());
+        let loose = deviation.is_some_and(|(deg, m)| deg > LOCALISED_DEG || m > inlier_radius_m);
+        let doubts = [(ambiguous, Doubt::Ambiguous), (loose, Doubt::PoorlyLocalised)];
+        doubts.into_iter().filter(|d| d.0).map(|d| d.1).collect()
+    }
+
     /// Inliers over matches, 0 when there was no match.
     pub fn inlier_ratio(&self) -> f64 {
         if self.matches == 0 { 0.0 } else { self.inliers as f64 / self.matches as f64 }
@@ -244,5 +270,40 @@ impl Reconstruction {
     /// Number of components, largest first.
     pub fn components(&self) -> usize {
         self.outcomes.iter().filter_map(|o| o.placement()).map(|p| p.component + 1).max().unwrap_or(0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector6;
+
+    #[test]
+    fn low_probabilities_and_loose_poses_are_doubtful() {
+        let doubts = |probability: f64, variances: [f64; 6]| {
+            let covariance = Some(Matrix6::from_diagonal(&Vector6::from(variances)));
+            let uncertainty = PoseUncertainty { covariance, ..PoseUncertainty::default() };
+            let placement = Placement {
+                world_from_scan: RigidMotion::identity(),
+                component: 0,
+                step: 1,
+                parent: Some(ScanId(0)),
+                matches: 10,
+                inliers: 8,
+                residual_m: 0.01,
+                evidence: Some(Evidence { probability: Some(probability), ..Evidence::default() }),
+                neighbours: Vec::new(),
+                pose_uncertainty: Some(Box::new(uncertainty)),
+            };
+            placement.doubts(0.07)
+        };
+        // Deviations of 0.06 rad = 3.4 degrees and 6 cm, the second of 6 degrees, the third of 8 cm.
+        let (firm, loose) = ([0.06f64.powi(2); 6], 0.08f64.powi(2));
+        let turning = { let mut v = firm; v[1] = 6f64.to_radians().powi(2); v };
+        let sliding = { let mut v = firm; v[5] = loose; v };
+        assert_eq!(doubts(0.95, firm), []);
+        assert_eq!(doubts(0.85, firm), [Doubt::Ambiguous]);
+        assert_eq!(doubts(0.95, turning), [Doubt::PoorlyLocalised]);
+        assert_eq!(doubts(0.5, sliding), [Doubt::Ambiguous, Doubt::PoorlyLocalised]);
     }
 }
