@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 /// Finer surfaces must have so many times the points of the coarse ones: otherwise the scans hold nothing
 /// that registration has not seen.
-const WORTHWHILE: f64 = 1.5;
+const WORTHWHILE: f64 = 1.2;
 
 /// A scan of a component: where it stands in the list of scans, its step, its pose.
 struct Member {
@@ -88,7 +88,9 @@ fn finer(
     if fineness * fineness < WORTHWHILE {
         return None;
     }
-    let scale = WorkingScale::from_voxel(scale.voxel_m / fineness);
+    // Half, and not a third: sparse scans have few points to fix a normal by.
+    let normal_radius_m = 0.5 * scale.normal_radius_m;
+    let scale = WorkingScale { normal_radius_m, ..WorkingScale::from_voxel(scale.voxel_m / fineness) };
     let thinned = |m: &Member| {
         let scan = &scans[m.scan];
         let points = local_points(scan, &frames[m.scan]);

@@ -46,9 +46,16 @@ pub(super) fn conclude(
         let neighbours = neighbours(&component.members, &grids, models);
         for (m, neighbours) in neighbours.into_iter().enumerate() {
             let (scan, world_from_scan) = component.members[m];
-            let (step, edge) = order.get(&scan).copied().unwrap_or((component.members.len(), None));
-            let evidence = Evidence { parent_from_scan: edge.map(|l| l.1), ..member_evidence[m] };
+            let Place { step, edge, weakest } = order.get(&scan).copied().unwrap_or(Place {
+                step: component.members.len(),
+                edge: None,
+                weakest: 1.0,
+            });
             let parent = edge.map(|l| l.0);
+            let parent_from_scan = edge.map(|l| l.1);
+            // Where a join turned one side, its scans still stand right beside each other.
+            let probability = member_evidence[m].probability.map(|p| p.min(weakest));
+            let evidence = Evidence { parent_from_scan, probability, ..member_evidence[m] };
             outcomes[scan.0] = Outcome::Placed(Placement {
                 world_from_scan,
                 component: number,
@@ -66,13 +73,23 @@ pub(super) fn conclude(
     Reconstruction { outcomes }
 }
 
-/// Step of every scan, its parent and its pose relative to the parent when the two joined:
-/// breadth first over the joins, from the pivot, earlier joins first.
-fn tree_order(component: &Component) -> BTreeMap<ScanId, (usize, Option<(ScanId, RigidMotion)>)> {
+/// Where a scan stands in the tree of joins.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    step: usize,
+    /// Its parent and its pose relative to it when the two joined; none for the pivot.
+    edge: Option<(ScanId, RigidMotion)>,
+    /// Lowest probability of a join between it and the pivot; 1 for the pivot.
+    weakest: f64,
+}
+
+/// The place of every scan: breadth first over the joins, from the pivot, earlier joins first.
+fn tree_order(component: &Component) -> BTreeMap<ScanId, Place> {
     let pivot = component.members[0].0;
-    let mut order = BTreeMap::from([(pivot, (0, None))]);
+    let mut order = BTreeMap::from([(pivot, Place { step: 0, edge: None, weakest: 1.0 })]);
     let mut queue = VecDeque::from([pivot]);
     while let Some(scan) = queue.pop_front() {
+        let so_far = order.get(&scan).map_or(1.0, |place| place.weakest);
         for join in &component.joins {
             let (other, scan_from_other) = match join.scans {
                 (a, b) if a == scan => (b, join.first_from_second),
@@ -80,11 +97,38 @@ fn tree_order(component: &Component) -> BTreeMap<ScanId, (usize, Option<(ScanId,
                 _ => continue,
             };
             let step = order.len();
+            let weakest = so_far.min(join.evidence.probability.unwrap_or(1.0));
             order.entry(other).or_insert_with(|| {
                 queue.push_back(other);
-                (step, Some((scan, scan_from_other)))
+                Place { step, edge: Some((scan, scan_from_other)), weakest }
             });
         }
     }
     order
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::registration::agglomerative::Join;
+
+    #[test]
+    fn a_scan_is_as_probable_as_the_weakest_join_on_its_way_to_the_pivot() {
+        let at = |k: usize| (ScanId(k), RigidMotion::identity());
+        let join = |a: usize, b: usize, probability: f64| Join {
+            scans: (ScanId(a), ScanId(b)),
+            first_from_second: RigidMotion::identity(),
+            evidence: Evidence { probability: Some(probability), ..Evidence::default() },
+        };
+        // 2–0 and 0–3 hang on the pivot 2; 1–4 was joined to 3 last.
+        let component = Component {
+            members: vec![at(2), at(0), at(3), at(1), at(4)],
+            joins: vec![join(0, 2, 0.99), join(0, 3, 0.97), join(1, 4, 0.98), join(3, 1, 0.7)],
+            refined_at: 5,
+        };
+        let order = tree_order(&component);
+        let weakest: Vec<f64> = (0..5).map(|k| order[&ScanId(k)].weakest).collect();
+        assert_eq!(weakest, [0.99, 0.7, 1.0, 0.97, 0.7]);
+        assert_eq!(order[&ScanId(4)].step, 4);
+    }
 }

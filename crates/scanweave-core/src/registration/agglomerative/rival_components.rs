@@ -2,8 +2,8 @@
 
 use super::agglomeration::{Agglomeration, Component, ComponentId};
 use crate::geometry::RigidMotion;
-use crate::registration::verification::probability;
-use crate::registration::verification::verifier::{ScoredHypothesis, UNDECIDED};
+use crate::registration::verification::probability::{self, UNDECIDED};
+use crate::registration::verification::verifier::ScoredHypothesis;
 use crate::scan::{Evidence, ScanId};
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -11,6 +11,7 @@ use crate::geometry::rigid::same_motion;
 use crate::monitor::Monitor;
 use crate::registration::agglomerative::pairs::ScanPair;
 use crate::registration::config::MultiviewIcpConfig;
+use crate::registration::verification::probability;
 use crate::registration::verification::verifier::{ScoredHypothesis, fit_stride};
 use crate::scan::{Evidence, ScanId};
 use nalgebra::Point3;
@@ -78,12 +79,13 @@ impl Agglomeration<'_> {
         let trials: Result<Vec<Option<Trial>>> =
             worth.par_iter().map(|proposal| self.try_out(*proposal, &coarse, monitor)).collect();
         let trials: Vec<Trial> = trials?.into_iter().flatten().collect();
+        let stated = |evidence: &Evidence| evidence.probability.unwrap_or(0.0);
         for trial in &trials {
             tracing::debug!("trial {}: then {:?}", self.describe(&trial.proposal), trial.evidence);
         }
         let mut sufficient: Vec<(usize, Evidence)> = (0..trials.len())
             .map(|at| (at, self.judged(&trials, at)))
-            .filter(|(_, evidence)| self.probability(evidence) >= self.verifier.settings.accept)
+            .filter(|(_, evidence)| stated(evidence) >= self.verifier.settings.accept)
             .collect();
         // One that suffices and cannot be made now has not failed: it is tried again.
         for key in worth.iter().map(|p| (p.a, p.b)) {
@@ -91,15 +93,13 @@ impl Agglomeration<'_> {
                 self.edges.entry(key).and_modify(|edge| edge.tried = true);
             }
         }
-        sufficient
-            .sort_by(|x, y| self.probability(&y.1).total_cmp(&self.probability(&x.1)).then(x.0.cmp(&y.0)));
+        sufficient.sort_by(|x, y| stated(&y.1).total_cmp(&stated(&x.1)).then(x.0.cmp(&y.0)));
         let mut trials: Vec<Option<Trial>> = trials.into_iter().map(Some).collect();
         let mut any = false;
         for (at, evidence) in sufficient {
             let Some(trial) = trials[at].take() else { continue };
             if [trial.key.0, trial.key.1].iter().all(|id| self.components.contains_key(id)) {
-                let probability = Some(self.probability(&evidence));
-                self.make(trial, Evidence { probability, ..evidence });
+                self.make(trial, evidence);
                 any = true;
             }
         }
@@ -255,11 +255,19 @@ impl Agglomeration<'_> {
             }
             _ => !same_motion(&t.a_from_b, &trial.a_from_b, &trial.centre, radius_m),
         };
-        let rivals = trials.iter().filter(|t| t.key == trial.key).filter(elsewhere);
-        let standing =
-            rivals.filter(|t| self.unrivalled(&t.evidence) > REFUTED).map(|t| t.evidence.inliers).max();
+        let rivals: Vec<(f64, usize)> = trials
+            .iter()
+            .filter(|t| t.key == trial.key)
+            .filter(elsewhere)
+            .map(|t| (self.unrivalled(&t.evidence), t.evidence.inliers))
+            .collect();
+        let standing = rivals.iter().filter(|r| r.0 > REFUTED).map(|r| r.1).max();
         let refuted = trial.proposal.scored.evidence.second_best_inliers.div_ceil(REFUTED_RIVAL);
-        Evidence { second_best_inliers: standing.unwrap_or(0).max(refuted), ..trial.evidence }
+        let second_best_inliers = standing.unwrap_or(0).max(refuted);
+        let evidence = Evidence { second_best_inliers, ..trial.evidence };
+        let alone = self.unrivalled(&evidence);
+        let among = probability::among_rivals(alone, rivals.iter().map(|r| r.0));
+        Evidence { probability: Some(self.probability(&evidence).min(among)), ..evidence }
     }
 }
 

@@ -28,6 +28,9 @@ pub(super) const USUAL_VIOLATION: f64 = 0.02;
 const USUAL_LOCALIZABILITY: f64 = 0.0787;
 const USUAL_CHANCE_SHARE: f64 = 0.0092;
 
+/// Probability at most where reliable viewpoints, matches of a pair or another pose contradict a pose.
+pub const UNDECIDED: f64 = 0.5;
+
 /// A pair of scans that is sure, whatever was seen to be empty, and what each scan saw through of the
 /// other: [`SurfaceFit::seen_through`](super::surface_fit::SurfaceFit::seen_through) of the first and
 /// of the second.
@@ -176,12 +179,17 @@ pub fn with_aliasing(probability: f64, aliasing: f64) -> f64 {
 }
 
 /// Probability of a pose that is right with `alone` if no other is, where others of which the same is
-/// known contradict it: at most one of them is right, so that the odds of all share what there is.
+/// known contradict it: at most one of them is right, so that the odds of all share what there is. Where a
+/// rival has more than a ninth of its odds the pose is ambiguous, and has no more than one half.
 pub fn among_rivals(alone: f64, rivals: impl Iterator<Item = f64>) -> f64 {
+    /// Odds against the best rival from which it is ruled out.
+    const RULED_OUT: f64 = 9.0;
     // An odds of ten to the fifteen tells no more than the last digit of a double.
     let odds = |p: f64| p / (1.0 - p).max(1e-15);
     let own = odds(alone);
-    own / (1.0 + own + rivals.map(odds).sum::<f64>())
+    let (all, best) = rivals.map(odds).fold((0.0, 0.0f64), |(all, best), rival| (all + rival, best.max(rival)));
+    let among = own / (1.0 + own + all);
+    if own < RULED_OUT * best { among.min(UNDECIDED) } else { among }
 }
 
 #[cfg(test)]
@@ -214,6 +222,9 @@ mod tests {
     #[test]
     fn rivals_share_the_odds() {
         assert_relative_eq!(among_rivals(0.9, [].into_iter()), 0.9);
+        // 99 : 1 against 9 : 1 is ambiguous no more, 80 : 1 is.
+        assert_relative_eq!(among_rivals(0.99, [0.9].into_iter()), 99.0 / 109.0, epsilon = 1e-12);
+        assert_relative_eq!(among_rivals(80.0 / 81.0, [0.9].into_iter()), 0.5);
         // 9 : 1 for either: 9/19 each, and 1/19 for neither.
         assert_relative_eq!(among_rivals(0.9, [0.9].into_iter()), 9.0 / 19.0);
         assert_relative_eq!(among_rivals(0.99, [0.5, 0.0].into_iter()), 99.0 / 101.0, epsilon = 1e-12);

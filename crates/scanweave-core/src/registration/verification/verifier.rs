@@ -7,7 +7,7 @@ use crate::registration::config::SurfaceVerification;
 use crate::registration::pairwise::correspondences::Correspondences;
 use crate::registration::scan_model::ScanModel;
 use crate::registration::verification::alignment::align;
-use crate::registration::verification::probability;
+use crate::registration::verification::probability::{self, UNDECIDED};
 use crate::registration::verification::surface_fit::{Posed, SurfaceFit, surface_fit};
 use crate::scan::Evidence;
 use nalgebra::Point3;
@@ -15,9 +15,6 @@ use rayon::prelude::*;
 
 /// A proposal is worth a look at the surfaces when it has one in so many of the inliers of the best.
 pub const RIVAL: usize = 8;
-
-/// Probability at most where reliable viewpoints, or matches of a pair, contradict a pose.
-pub const UNDECIDED: f64 = 0.5;
 
 /// A possible relative pose, with what speaks for it.
 #[derive(Debug, Clone, Copy, PartialEq)]
