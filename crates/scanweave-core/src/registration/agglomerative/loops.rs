@@ -92,6 +92,44 @@ fn within(neighbours: &BTreeMap<ScanId, Vec<ScanId>>, from: ScanId, edges: usize
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::{Direction, Point, RigidMotion};
+    use crate::registration::agglomerative::Join;
+    use crate::registration::config::{RegistrationConfig, SurfaceVerification};
+    use crate::registration::scan_model::ScanModel;
+    use crate::registration::verification::verifier::Verifier;
+    use crate::scan::{Evidence, Surface};
+
+    /// Eight scans once around a square block, each joined to the next; the last sees the first again.
+    #[test]
+    fn the_ends_of_a_way_around_a_block_are_compared_and_neighbours_are_not() {
+        let points = vec![Point::new(-3.0, 0.0, 0.0), Point::new(3.0, 0.0, 0.0)];
+        let surface = Surface { normals: vec![Direction::z(); 2], points, ..Surface::default() };
+        let settings = SurfaceVerification::default();
+        let config = RegistrationConfig::default();
+        let models: Vec<ScanModel<'_>> =
+            (0..8).map(|_| ScanModel::with_sizes(&surface, 0.07, 2, 0.14)).collect();
+        let verifier = Verifier::new(&models, &settings, 0.07);
+        let mut agglomeration = Agglomeration::new(&verifier, &config, vec![&[]; 8], &[]);
+        // Ten metres on between scans, of which each reaches three; the last comes back to within two of
+        // the first.
+        let corners =
+            [(0., 0.), (10., 0.), (20., 0.), (20., 10.), (20., 20.), (10., 20.), (0., 20.), (0., 2.)];
+        let members: Vec<(ScanId, RigidMotion)> = corners
+            .iter()
+            .enumerate()
+            .map(|(k, &(x, y))| (ScanId(k), RigidMotion::translation(x, y, 0.0)))
+            .collect();
+        let join = |k: usize| Join {
+            scans: (ScanId(k), ScanId(k + 1)),
+            first_from_second: members[k].1.inverse() * members[k + 1].1,
+            evidence: Evidence { probability: Some(0.99), ..Evidence::default() },
+        };
+        let component =
+            Component { joins: (0..7).map(join).collect(), members: members.clone(), refined_at: 8 };
+        agglomeration.components.insert(0, component);
+        let similarity = SimilarityMatrix::new(8, vec![0.5; 64]).unwrap();
+        assert_eq!(agglomeration.open_loops(&similarity), [(ScanId(0), ScanId(7))]);
+    }
 
     #[test]
     fn a_chain_leads_one_scan_further_an_edge() {

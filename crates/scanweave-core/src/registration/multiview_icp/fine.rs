@@ -1,6 +1,6 @@
 //! The last refinement, on surfaces thinned more finely than those that scans were joined by.
 
-use super::terms::{PairTerm, Sample, overlapping_pairs, strides, term_of};
+use super::terms::{Sample, for_each_touch, overlapping_pairs, strides};
 use super::{PosedScan, refine_poses};
 use crate::error::Result;
 use crate::geometry::RigidMotion;
@@ -8,9 +8,12 @@ use crate::monitor::Monitor;
 use crate::registration::config::MultiviewIcpConfig;
 use rayon::prelude::*;
 
+/// Residuals of so many times the root mean square one count no more.
+const SHARPNESS: f64 = 3.0;
+
 /// Poses refined on the surfaces of `scans`, in their order, or `None` where these do not sit better on
-/// each other then: the sum of Tukey's weights of all distances at the last radius must grow. The first
-/// scan keeps its pose.
+/// each other then: the sum of Tukey's weights of all distances must grow, at three times the root mean
+/// square distance that there was before. The first scan keeps its pose.
 ///
 /// `radius_m` is what the radii of the settings are multiples of.
 ///
@@ -29,10 +32,21 @@ pub fn refine_if_better(
     let pairs = overlapping_pairs(&samples, scans, &before, config.min_overlap, radius_m as f32);
     let strides = strides(&pairs, scans.len());
     let finest = config.radii.last().copied().unwrap_or(1.0) * radius_m;
-    let agreement = |poses: &[RigidMotion]| -> f64 {
-        let term = |pair: &(usize, usize)| term_of(*pair, &samples, scans, poses, &strides, finest, 0.0);
-        let terms: Vec<PairTerm> = pairs.par_iter().map(term).collect();
-        terms.iter().map(|term| term.weight).sum()
+    // Of every touching point its distance and the weight that it had in the refinement, by pairs.
+    let distances = |poses: &[RigidMotion]| -> Vec<(f64, f64)> {
+        let of_pair = |&pair: &(usize, usize)| {
+            let mut found = Vec::new();
+            for_each_touch(pair, &samples, scans, poses, &strides, finest, |t| found.push((t.r, t.w)));
+            found
+        };
+        let by_pairs: Vec<Vec<(f64, f64)>> = pairs.par_iter().map(of_pair).collect();
+        by_pairs.into_iter().flatten().collect()
     };
-    Ok((agreement(&after) > agreement(&before)).then_some(after))
+    let (before, moved) = (distances(&before), distances(&after));
+    let (squared, weight) = before.iter().fold((0.0, 0.0), |s, (r, w)| (s.0 + w * r * r, s.1 + w));
+    let scale_m = SHARPNESS * (squared / f64::max(weight, f64::MIN_POSITIVE)).sqrt();
+    let agreement = |distances: &[(f64, f64)]| -> f64 {
+        distances.iter().map(|(r, _)| (1.0 - (r / scale_m).powi(2)).max(0.0).powi(2)).sum()
+    };
+    Ok((agreement(&moved) > agreement(&before)).then_some(after))
 }
