@@ -84,7 +84,7 @@ fn what_voxels_hide_the_fine_refinement_sees() {
 }
 
 #[test]
-fn its_covariances_are_those_of_the_centres_that_are_stated() {
+fn deviations_are_stated_with_the_centre_that_they_are_of() {
     let (scans, _) = views();
     let fine = register(&scans, true);
     for (scan, outcome) in scans.iter().zip(&fine.outcomes) {
@@ -92,7 +92,7 @@ fn its_covariances_are_those_of_the_centres_that_are_stated() {
         let uncertainty = placement.pose_uncertainty.as_deref().unwrap();
         let (deg, m) = uncertainty.deviation().unwrap();
         let is_pivot = placement.step == 0;
-        assert!(is_pivot == (m == 0.0) && m < 1e-3 && deg < 1.0, "{m} m, {deg}°, {is_pivot}");
+        assert!(is_pivot == (m == 0.0) && m < 5e-3 && deg < 5.0, "{m} m, {deg}°, {is_pivot}");
         // In the middle of what the scan holds, in the coordinates of its file.
         let centre = uncertainty.centre.unwrap();
         let mean = scan.cloud.points.iter().map(|p| p.coords.cast::<f64>()).sum::<Vector3<f64>>()

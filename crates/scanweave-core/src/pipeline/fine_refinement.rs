@@ -6,13 +6,14 @@ use crate::monitor::Monitor;
 use crate::preprocessing::local_frame::local_points;
 use crate::preprocessing::surface::thin_again;
 use crate::registration::config::{FineRefinementConfig, RegistrationConfig};
-use crate::registration::{PosedScan, ScanModel, pose_covariances, refine_if_better};
+use crate::registration::{PosedScan, ScanModel, refine_if_better};
 use crate::scan::{Outcome, Reconstruction, Scan, Surface, WorkingScale};
 use rayon::prelude::*;
 
-/// Finer surfaces must have so many times the points of the coarse ones: otherwise the scans hold nothing
-/// that registration has not seen.
-const WORTHWHILE: f64 = 1.2;
+/// Finer surfaces must have so many times the points of the coarse ones: otherwise the scans hold little
+/// that registration has not seen, and narrower radii only leave out what holds them. With 1.2 fragments that
+/// were thinned before and sparse lidar scans lose; with 2 an object of 40 000 points a scan is left out.
+const WORTHWHILE: f64 = 1.6;
 
 /// A scan of a component: where it stands in the list of scans, its step, its pose.
 struct Member {
@@ -22,8 +23,9 @@ struct Member {
     pivot_from_local: RigidMotion,
 }
 
-/// Refines the poses of `local`, a reconstruction of scans in their own frames, component by component, and
-/// states their uncertainty anew; `frames` are `scan_from_local`, `surfaces` what registration worked with.
+/// Refines the poses of `local`, a reconstruction of scans in their own frames, component by component. Their
+/// uncertainty stays as registration stated it: what bends a scan shows less on finer surfaces, and is there all
+/// the same. `frames` are `scan_from_local`, `surfaces` what registration worked with.
 ///
 /// # Errors
 /// Only when the monitor is cancelled.
@@ -115,21 +117,14 @@ fn refine_component(
     let models: Vec<ScanModel<'_>> =
         fine.par_iter().map(|s| ScanModel::new(s, radius_m as f32, &compared)).collect();
     let posed = members.iter().zip(&models);
-    let mut posed: Vec<PosedScan<'_>> =
+    let posed: Vec<PosedScan<'_>> =
         posed.map(|(m, model)| PosedScan { model, world_from_scan: m.pivot_from_local }).collect();
     let refined = refine_if_better(&posed, &icp, radius_m, monitor)?;
     tracing::debug!(refined = refined.is_some(), "fine refinement of {} scans", members.len());
     let Some(poses) = refined else { return Ok(()) };
-    posed.iter_mut().zip(poses).for_each(|(scan, pose)| scan.world_from_scan = pose);
-    let covariances = pose_covariances(&posed, &icp, radius_m);
-    for ((member, scan), covariance) in members.iter().zip(&posed).zip(covariances) {
+    for (member, pose) in members.iter().zip(poses) {
         let Outcome::Placed(placement) = &mut local.outcomes[member.scan] else { continue };
-        placement.world_from_scan = scan.world_from_scan;
-        if let Some(uncertainty) = &mut placement.pose_uncertainty {
-            uncertainty.covariance = covariance;
-            // The covariance is that of this point.
-            uncertainty.centre = Some(scan.model.centre.cast());
-        }
+        placement.world_from_scan = pose;
     }
     Ok(())
 }
