@@ -4,8 +4,8 @@ use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::geometry::rigid::motion_from_matrix;
 use crate::scan::{
-    DeclineReason, Doubt, Evidence, NeighbourEvidence, Outcome, Placement, PoseUncertainty, Reconstruction, Scan,
-    ScanId,
+    DeclineReason, Doubt, Evidence, NeighbourEvidence, Outcome, Placement, PoseUncertainty, Reconstruction,
+    Scan, ScanId,
 };
 use nalgebra::Matrix4;
 use serde::{Deserialize, Serialize};
@@ -163,7 +163,9 @@ impl Document {
 impl EntryOutcome {
     fn of(outcome: &Outcome, inlier_radius_m: f64) -> Self {
         match outcome {
-            Outcome::Placed(placement) => EntryOutcome::Placed(Box::new(Pose::of(placement, inlier_radius_m))),
+            Outcome::Placed(placement) => {
+                EntryOutcome::Placed(Box::new(Pose::of(placement, inlier_radius_m)))
+            }
             Outcome::Declined(reason) => {
                 EntryOutcome::Declined { decline: reason.clone(), explanation: reason.to_string() }
             }

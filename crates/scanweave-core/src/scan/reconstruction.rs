@@ -299,8 +299,16 @@ mod tests {
         };
         // Deviations of 0.06 rad = 3.4 degrees and 6 cm, the second of 6 degrees, the third of 8 cm.
         let (firm, loose) = ([0.06f64.powi(2); 6], 0.08f64.powi(2));
-        let turning = { let mut v = firm; v[1] = 6f64.to_radians().powi(2); v };
-        let sliding = { let mut v = firm; v[5] = loose; v };
+        let turning = {
+            let mut v = firm;
+            v[1] = 6f64.to_radians().powi(2);
+            v
+        };
+        let sliding = {
+            let mut v = firm;
+            v[5] = loose;
+            v
+        };
         assert_eq!(doubts(0.95, firm), []);
         assert_eq!(doubts(0.85, firm), [Doubt::Ambiguous]);
         assert_eq!(doubts(0.95, turning), [Doubt::PoorlyLocalised]);

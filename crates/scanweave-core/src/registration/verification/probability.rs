@@ -189,7 +189,8 @@ pub fn among_rivals(alone: f64, rivals: impl Iterator<Item = f64>) -> f64 {
     // An odds of ten to the fifteen tells no more than the last digit of a double.
     let odds = |p: f64| p / (1.0 - p).max(1e-15);
     let own = odds(alone);
-    let (all, best) = rivals.map(odds).fold((0.0, 0.0f64), |(all, best), rival| (all + rival, best.max(rival)));
+    let (all, best) =
+        rivals.map(odds).fold((0.0, 0.0f64), |(all, best), rival| (all + rival, best.max(rival)));
     let among = own / (1.0 + own + all);
     if own < RULED_OUT * best { among.min(UNDECIDED) } else { among }
 }
