@@ -1,4 +1,4 @@
-//! `scanweave train` and `scanweave train descriptor`.
+//! `scanweave train`, `scanweave train descriptor` and `scanweave train verifier`.
 
 use super::options::ThreadOption;
 use super::progress::Progress;
@@ -10,12 +10,14 @@ use scanweave::report::chart::{self, Panel, Series};
 use scanweave::training::descriptor::DescriptorRecipe;
 use scanweave::training::overlap_head::{Record, TrainReport, train};
 use scanweave::training::run_folder;
+use scanweave::training::verifier::{VerifierRecipe, VerifierReport};
 use scanweave::training::{self, Recipe, mini_spin_net};
 use scanweave::{Error, io};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Train an overlap head on posed scans; `train descriptor` trains a local descriptor.
+/// Train an overlap head on posed scans; `train descriptor` trains a local descriptor, and `train
+/// verifier` the weights of the verification.
 ///
 /// The recipe names settings and data: folders of posed scans, walks with a depth camera, and
 /// synthetic buildings. Writes best.safetensors (for --checkpoint of `register`) and
@@ -34,6 +36,32 @@ pub struct Arguments {
 #[derive(Debug, Subcommand)]
 enum Other {
     Descriptor(DescriptorArguments),
+    Verifier(VerifierArguments),
+}
+
+/// Train the weights that turn the evidence of a relative pose into a probability.
+///
+/// The recipe names kinds of scans: folders with true poses, and synthetic places. Every pose that a
+/// registration considers for two scans is a candidate. Prints a table with every kind judged by
+/// the given weights and by those learned from all other kinds, and how reliable the latter's
+/// probabilities are. Writes verifier.json (weights, data and tables), reliability.svg and recipe.toml
+/// into the output folder when all is done.
+#[derive(Debug, Args)]
+struct VerifierArguments {
+    /// Recipe (TOML); an unknown key is an error.
+    #[arg(long, value_name = "FILE")]
+    config: PathBuf,
+    /// Folder for the result.
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Where the folders of the recipe lie. Default: the folder of the recipe.
+    #[arg(long, value_name = "DIR")]
+    data_root: Option<PathBuf>,
+    /// Replace the result that the output folder already holds.
+    #[arg(long)]
+    force: bool,
+    #[command(flatten)]
+    threads: ThreadOption,
 }
 
 /// Train a local descriptor on posed scans.
@@ -99,6 +127,7 @@ impl RunOptions {
 pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
     match arguments.other {
         Some(Other::Descriptor(descriptor)) => train_descriptor(&descriptor.run, verbosity),
+        Some(Other::Verifier(verifier)) => train_verifier(&verifier, verbosity),
         None => train_head(&arguments.head, verbosity),
     }
 }
@@ -138,6 +167,28 @@ fn train_descriptor(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Resu
             ))?;
         }
         terminal::print_line(&format!("written  {}", report.best.display()))?;
+    }
+    Ok(Status::Success)
+}
+
+fn train_verifier(arguments: &VerifierArguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    let recipe = VerifierRecipe::load(&arguments.config)?;
+    let folder = &arguments.output;
+    let [verifier, ..] = VerifierReport::FILES;
+    if folder.join(verifier).exists() && !arguments.force {
+        return Err(Error::OutputExists { path: folder.clone() }.into());
+    }
+    std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+    tempfile::tempfile_in(folder).map(drop).map_err(|e| Error::write(folder, e))?;
+    arguments.threads.start()?;
+    let progress = Progress::start(verbosity)?;
+    let beside = arguments.config.parent().unwrap_or(Path::new(""));
+    let root = arguments.data_root.as_deref().unwrap_or(beside);
+    let report = training::verifier::train(&recipe, root, &progress)?;
+    report.write(folder)?;
+    if !verbosity.quiet {
+        terminal::print(&report.table())?;
+        terminal::print_line(&format!("written  {}", folder.join(verifier).display()))?;
     }
     Ok(Status::Success)
 }

@@ -10,9 +10,12 @@ use crate::scan::{Scan, ScanId};
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 /// What is scanned.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
 pub enum Place {
     /// A straight corridor with nothing in it, longer than any scan sees.
     BareCorridor,
@@ -44,6 +47,20 @@ impl Place {
         Self::SixSidedColumn,
         Self::LopsidedBlock,
     ];
+
+    /// Its name, as recipes spell it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::BareCorridor => "bare-corridor",
+            Self::FurnishedCorridor => "furnished-corridor",
+            Self::BareTunnel => "bare-tunnel",
+            Self::BareRoom => "bare-room",
+            Self::FurnishedRoom => "furnished-room",
+            Self::FewPoints => "few-points",
+            Self::SixSidedColumn => "six-sided-column",
+            Self::LopsidedBlock => "lopsided-block",
+        }
+    }
 
     /// Whether its shape tells one pose from another.
     pub fn is_distinct(self) -> bool {

@@ -8,6 +8,7 @@ pub mod mini_spin_net;
 pub mod overlap_head;
 pub mod run_folder;
 mod synthetic_scenes;
+pub mod verifier;
 
 pub use entries::{RgbdEntry, ScenesEntry, Split, SynthEntry};
 

@@ -12,7 +12,7 @@ pub(crate) mod scan_model;
 pub(crate) mod usability;
 pub(crate) mod verification;
 
-pub use agglomerative::pairs::{PairScorer, ScanPair, most_similar_pairs};
+pub use agglomerative::pairs::{PairScorer, ScanPair, ScoredPairs, most_similar_pairs, score_pairs};
 pub use agglomerative::{Agglomeration, Component, Finished, Join, Proposal};
 pub use input::{ContentDigest, MIN_KEYPOINTS};
 pub use multiview_icp::{
@@ -26,10 +26,11 @@ pub use pairwise::matching::{MatchTarget, Matches, NearestCache};
 pub use pairwise::nearest::{Best, Columns, Nearest, nearest_both};
 pub use pairwise::registrar::{PairHypotheses, PairRegistrar};
 pub use scan_model::{FreeSpace, ScanModel};
+pub use usability::unusable;
 pub use verification::alignment::align;
 pub use verification::probability::{
     MOST_VIOLATION_OF_CORRECT, SurePair, aliasing, predictors, probability, viewpoint_reliability,
-    with_scan_count_prior,
+    with_aliasing, with_scan_count_prior,
 };
 pub use verification::surface_fit::{Posed, SurfaceFit, surface_fit};
 pub use verification::verifier::{ScoredHypothesis, Verifier};

@@ -40,12 +40,11 @@ use super::config::{AgglomerativeConfig, RegistrationConfig, SurfaceVerification
 use super::input::{Lengths, MIN_KEYPOINTS, ScanInput};
 use super::scan_model::ScanModel;
 use super::usability;
-use super::verification::probability;
 use super::verification::verifier::Verifier;
 use crate::error::Result;
 use crate::monitor::Monitor;
 use crate::scan::{DeclineReason, Reconstruction, ScanId, SimilarityMatrix};
-use pairs::{PairScorer, ScanPair, most_similar_pairs};
+use pairs::{PairScorer, ScanPair, ScoredPairs, most_similar_pairs, score_pairs};
 use rayon::prelude::*;
 
 /// Registers all scans; see [`super::register`], which checked the arguments.
@@ -67,24 +66,12 @@ pub(super) fn register(
     let radius_m = lengths.inlier_radius_m;
     let mut models: Vec<ScanModel<'_>> =
         scans.par_iter().map(|s| ScanModel::new(s.surface, radius_m as f32, config)).collect();
-    // 1
+    // 1, 2
     let scorer = PairScorer::new(scans, &config.estimator, seed);
     let retrieved = most_similar_pairs(similarity, &usable, settings.neighbours);
-    let verifier = Verifier::new(&models, verification, radius_m);
-    let mut pairs = scorer.register(&retrieved, &verifier, monitor)?;
-    // 2
-    let sure =
-        pairs.iter().filter_map(|pair| pair.if_sure_without_free_space(verification)).collect::<Vec<_>>();
-    let reliability = probability::viewpoint_reliability(scans.len(), &sure, verification);
-    models.iter_mut().zip(reliability).for_each(|(model, r)| model.set_borne_out(r));
-    let reliability: Vec<f64> = models.iter().map(|m| m.viewpoint_reliability).collect();
-    tracing::debug!("reliability of the viewpoints: {reliability:.2?}");
-    let verifier = Verifier::new(&models, verification, radius_m);
-    pairs.iter_mut().for_each(|pair| pair.rescore(&verifier));
-    let aliasing = probability::aliasing(pairs.iter().filter_map(|pair| pair.runner_up(&verifier)));
-    tracing::debug!("perceptual aliasing costs {aliasing:.2} of the log odds");
-    let verifier = Verifier { aliasing, ..verifier };
-    pairs.iter_mut().for_each(|pair| pair.rescore(&verifier));
+    let ScoredPairs { pairs, aliasing } =
+        score_pairs(&scorer, &retrieved, &mut models, verification, radius_m, monitor)?;
+    let verifier = Verifier { aliasing, ..Verifier::new(&models, verification, radius_m) };
     // 3
     let keypoints = scans.iter().map(|s| s.features.keypoints.as_slice()).collect();
     let mut agglomeration = Agglomeration::new(&verifier, config, keypoints, &usable);

@@ -10,6 +10,7 @@ use crate::registration::input::{ContentDigest, ScanInput};
 use crate::registration::pairwise::correspondences::Correspondences;
 use crate::registration::pairwise::matching::MatchTarget;
 use crate::registration::pairwise::registrar::{PairHypotheses, PairRegistrar};
+use crate::registration::scan_model::ScanModel;
 use crate::registration::verification::probability::{self, SurePair};
 use crate::registration::verification::surface_fit::{Posed, violation};
 use crate::registration::verification::verifier::{ScoredHypothesis, Verifier};
@@ -80,6 +81,46 @@ pub fn most_similar_pairs(
     pairs.sort_unstable();
     pairs.dedup();
     pairs
+}
+
+/// Registered pairs, with the probabilities that the whole collection leaves their hypotheses.
+#[derive(Debug, Clone)]
+pub struct ScoredPairs {
+    /// The pairs, in the order in which they were retrieved.
+    pub pairs: Vec<ScanPair>,
+    /// What perceptual aliasing costs of the log odds: [`probability::aliasing`].
+    pub aliasing: f64,
+}
+
+/// Steps 1 and 2 of the agglomerative registration: registers the retrieved pairs, finds out from the
+/// surest how far each viewpoint is reliable, which it enters into the models, and from the second-best
+/// hypotheses how much places resemble each other; scores again. `radius_m` is τ, metres.
+///
+/// # Errors
+/// Only when the monitor is cancelled.
+pub fn score_pairs(
+    scorer: &PairScorer<'_>,
+    retrieved: &[(ScanId, ScanId)],
+    models: &mut [ScanModel<'_>],
+    settings: &SurfaceVerification,
+    radius_m: f64,
+    monitor: &dyn Monitor,
+) -> Result<ScoredPairs> {
+    // 1
+    let mut pairs = scorer.register(retrieved, &Verifier::new(models, settings, radius_m), monitor)?;
+    // 2
+    let sure = pairs.iter().filter_map(|pair| pair.if_sure_without_free_space(settings)).collect::<Vec<_>>();
+    let reliability = probability::viewpoint_reliability(models.len(), &sure, settings);
+    models.iter_mut().zip(reliability).for_each(|(model, r)| model.set_borne_out(r));
+    let reliability: Vec<f64> = models.iter().map(|m| m.viewpoint_reliability).collect();
+    tracing::debug!("reliability of the viewpoints: {reliability:.2?}");
+    let verifier = Verifier::new(models, settings, radius_m);
+    pairs.iter_mut().for_each(|pair| pair.rescore(&verifier));
+    let aliasing = probability::aliasing(pairs.iter().filter_map(|pair| pair.runner_up(&verifier)));
+    tracing::debug!("perceptual aliasing costs {aliasing:.2} of the log odds");
+    let verifier = Verifier { aliasing, ..verifier };
+    pairs.iter_mut().for_each(|pair| pair.rescore(&verifier));
+    Ok(ScoredPairs { pairs, aliasing })
 }
 
 /// Registers pairs of scans and scores what is found.

@@ -1,5 +1,6 @@
 //! Settings of the verification: what a pose must show before it counts as right.
 
+use super::shipped;
 use crate::error::{Error, Result};
 use crate::registration::config::{positive, share};
 use schemars::JsonSchema;
@@ -125,9 +126,7 @@ impl VerificationConfig {
 
 /// Weights of the logistic model that turns the evidence of a pose into a probability.
 ///
-/// The defaults are the rounded mean of three logistic fits to what `examples/evidence_calibration.rs`
-/// measures (`--table`) on four 3DMatch test scenes, all but the kitchen: published MiniSpinNet
-/// descriptors at 2500 keypoints, and FPFH at 2500 and at 1000.
+/// The defaults are those of `checkpoints/verifier.json`, which `scanweave train verifier` wrote.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct EvidenceWeights {
@@ -154,6 +153,24 @@ pub struct EvidenceWeights {
 }
 
 impl EvidenceWeights {
+    /// Names of the weights, in the order of [`Self::as_array`].
+    pub const NAMES: [&str; 10] = [
+        "constant",
+        "ln_inliers",
+        "ln_second_best_ratio",
+        "normal_agreement",
+        "plane_residual",
+        "overlap",
+        "free_space_violation",
+        "localizability",
+        "free_space_excess",
+        "chance_inliers",
+    ];
+
+    /// The sign that the meaning of each weight demands, in the order of [`Self::as_array`]: more of every
+    /// good thing is more probable. The constant is free: 0.
+    pub const SIGNS: [f64; 10] = [0.0, 1.0, 1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, -1.0];
+
     /// The weights in the order of [`crate::registration::predictors`].
     pub fn as_array(&self) -> [f64; 10] {
         [
@@ -201,17 +218,6 @@ impl EvidenceWeights {
 
 impl Default for EvidenceWeights {
     fn default() -> Self {
-        Self {
-            constant: -11.6,
-            ln_inliers: 0.67,
-            ln_second_best_ratio: 0.66,
-            normal_agreement: 1.8,
-            plane_residual: -6.6,
-            overlap: 1.2,
-            free_space_violation: -2.65,
-            localizability: 0.83,
-            free_space_excess: -12.9,
-            chance_inliers: -1.5,
-        }
+        shipped::weights()
     }
 }

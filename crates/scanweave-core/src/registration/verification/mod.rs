@@ -4,5 +4,6 @@ pub(crate) mod alignment;
 pub(super) mod config;
 pub(crate) mod decline;
 pub(crate) mod probability;
+mod shipped;
 pub(crate) mod surface_fit;
 pub(crate) mod verifier;
