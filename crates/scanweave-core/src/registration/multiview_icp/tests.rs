@@ -98,7 +98,7 @@ fn a_loop_that_drifted_closes_and_a_false_pair_is_outvoted() {
     // 8 cm a step. Across the circle one pair takes points that are 1.5 m apart for one.
     let truth: Vec<RigidMotion> = (0..12)
         .map(|k| {
-            let a = f64::from(k) * std::f32::consts::TAU / 12.0;
+            let a = f64::from(k) * std::f64::consts::TAU / 12.0;
             RigidMotion::new(Vector3::new(3.0 * a.cos(), 3.0 * a.sin(), 0.1 * a), Vector3::new(0.0, 0.1, a))
         })
         .collect();
@@ -172,11 +172,7 @@ fn covariances_hold_the_spread_of_poses_of_bent_scans() {
     // the wall: longer ones pass for other poses.
     let bent = |rng: &mut ChaCha8Rng, surface: &mut Surface| {
         let waves: [(f32, f32, f32); 3] = std::array::from_fn(|_| {
-            (
-                rng.random_range(3.0..6.0),
-                rng.random_range(3.0..6.0),
-                rng.random_range(0.0..std::f32::consts::TAU),
-            )
+            (rng.random_range(3.0..6.0), rng.random_range(3.0..6.0), rng.random_range(0.0..6.28))
         });
         for (k, (p, n)) in surface.points.iter_mut().zip(&surface.normals).enumerate() {
             let (along, across, phase) = waves[k % 3];
