@@ -67,7 +67,7 @@ impl Default for VerifierRecipe {
             given: EvidenceWeights::default(),
             descriptor: DescriptorConfig {
                 kind: DescriptorKind::Fpfh,
-                keypoints: KeypointConfig { count: 1500, ..KeypointConfig::default() },
+                keypoints: KeypointConfig { count: 1500 },
                 ..DescriptorConfig::default()
             },
             kinds: Vec::new(),

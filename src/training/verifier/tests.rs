@@ -149,7 +149,7 @@ fn two_synthetic_kinds_train_a_verifier_the_same_for_any_number_of_threads() {
         synthetic_seeds: vec![0],
         synthetic_places: vec![Place::LopsidedBlock, Place::SixSidedColumn],
         descriptor: DescriptorConfig {
-            keypoints: KeypointConfig { count: 400, ..KeypointConfig::default() },
+            keypoints: KeypointConfig { count: 400 },
             ..VerifierRecipe::default().descriptor
         },
         ..VerifierRecipe::default()
