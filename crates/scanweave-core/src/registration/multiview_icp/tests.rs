@@ -172,7 +172,11 @@ fn covariances_hold_the_spread_of_poses_of_bent_scans() {
     // the wall: longer ones pass for other poses.
     let bent = |rng: &mut ChaCha8Rng, surface: &mut Surface| {
         let waves: [(f32, f32, f32); 3] = std::array::from_fn(|_| {
-            (rng.random_range(3.0..6.0), rng.random_range(3.0..6.0), rng.random_range(0.0..6.28))
+            (
+                rng.random_range(3.0..6.0),
+                rng.random_range(3.0..6.0),
+                rng.random_range(0.0..std::f32::consts::TAU),
+            )
         });
         for (k, (p, n)) in surface.points.iter_mut().zip(&surface.normals).enumerate() {
             let (along, across, phase) = waves[k % 3];
