@@ -51,7 +51,7 @@ test('a suite shows tables, plots, quoted rows as quoted, and what is missing', 
 test('a click or a key on a head sorts its table', async () => {
   const { page } = await open(browser, suite);
   const table = page.locator('table').first();
-  const head = table.locator('th', { hasText: 'recall' });
+  const head = table.getByRole('columnheader', { name: 'recall', exact: true });
   const column = await head.evaluate((th) => th.cellIndex);
   const values = () => table.locator('tbody tr').evaluateAll((rows, c) => rows.map((r) => r.cells[c].textContent), column);
   assert.ok((await values()).includes('99.5'));

@@ -192,9 +192,13 @@ export class View {
     const clipFromView = new Matrix4().multiplyMatrices(this.camera.projectionMatrix, this.camera.matrixWorldInverse);
     const [up, cut] = [this.frame.up, this.cutHeight()];
     const pixel = (2 * Math.tan((Math.PI / 360) * this.camera.fov)) / height;
-    let best = { cost: Infinity, index: null };
+    // Device pixels for each pixel of the page: points are drawn as discs of so many of the former.
+    const ratio = this.size[1] / height;
+    // What a disc covers is seen there, the nearest in front; near what nothing covers the likeliest is chosen.
+    let best = { covers: false, cost: Infinity, index: null };
     for (const cloud of this.clouds.filter((c) => c.visible)) {
-      const { index, packed } = cloud.userData;
+      const { index, packed, spacing } = cloud.userData;
+      const across = (this.options.size * spacing * ratio) / pixel;
       const m = new Matrix4().multiplyMatrices(clipFromView, cloud.matrix).elements;
       const w = cloud.matrix.elements;
       const [ux, uy, uz, u0] = [0, 4, 8, 12].map((c) => up[0] * w[c] + up[1] * w[c + 1] + up[2] * w[c + 2]);
@@ -205,9 +209,10 @@ export class View {
         const dx = (0.5 + (0.5 * (m[0] * px + m[4] * py + m[8] * pz + m[12])) / depth) * width - x;
         const dy = (0.5 - (0.5 * (m[1] * px + m[5] * py + m[9] * pz + m[13])) / depth) * height - y;
         const aside = Math.hypot(dx, dy);
-        if (aside > REACH_PX || ux * px + uy * py + uz * pz + u0 > cut) continue;
-        const cost = depth * (1 + ASIDE * aside * pixel);
-        if (cost < best.cost) best = { cost, index };
+        if (aside > Math.max(REACH_PX, 12 / ratio) || ux * px + uy * py + uz * pz + u0 > cut) continue;
+        const covers = aside <= Math.min(Math.max(across / depth, 1.5), 24) / (2 * ratio);
+        const cost = covers ? depth : depth * (1 + ASIDE * aside * pixel);
+        if (covers > best.covers || (covers === best.covers && cost < best.cost)) best = { covers, cost, index };
       }
     }
     return best.index;
