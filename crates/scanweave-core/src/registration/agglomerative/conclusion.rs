@@ -46,21 +46,14 @@ pub(super) fn conclude(
         let neighbours = neighbours(&component.members, &grids, models);
         for (m, neighbours) in neighbours.into_iter().enumerate() {
             let (scan, world_from_scan) = component.members[m];
-            let Place { step, edge, weakest } = order.get(&scan).copied().unwrap_or(Place {
-                step: component.members.len(),
-                edge: None,
-                weakest: 1.0,
-            });
-            let parent = edge.map(|l| l.0);
-            let parent_from_scan = edge.map(|l| l.1);
-            // Where a join turned one side, its scans still stand right beside each other.
-            let probability = member_evidence[m].probability.map(|p| p.min(weakest));
-            let evidence = Evidence { parent_from_scan, probability, ..member_evidence[m] };
+            let unjoined = Place { step: component.members.len(), edge: None, weakest: 1.0 };
+            let place = order.get(&scan).copied().unwrap_or(unjoined);
+            let evidence = place.evidence(&member_evidence[m]);
             outcomes[scan.0] = Outcome::Placed(Placement {
                 world_from_scan,
                 component: number,
-                step,
-                parent,
+                step: place.step,
+                parent: place.edge.map(|l| l.0),
                 matches: evidence.matches,
                 inliers: evidence.inliers,
                 residual_m: evidence.plane_residual * radius_m,
@@ -81,6 +74,18 @@ struct Place {
     edge: Option<(ScanId, RigidMotion)>,
     /// Lowest probability of a join between it and the pivot; 1 for the pivot.
     weakest: f64,
+}
+
+impl Place {
+    /// What is stated of a scan that stands here, by what was `measured` at its pose: no more than of the
+    /// weakest join. Where that turned one side, its scans still stand right beside each other.
+    fn evidence(&self, measured: &Evidence) -> Evidence {
+        Evidence {
+            parent_from_scan: self.edge.map(|edge| edge.1),
+            probability: measured.probability.map(|p| p.min(self.weakest)),
+            ..*measured
+        }
+    }
 }
 
 /// The place of every scan: breadth first over the joins, from the pivot, earlier joins first.
@@ -130,5 +135,10 @@ mod tests {
         let weakest: Vec<f64> = (0..5).map(|k| order[&ScanId(k)].weakest).collect();
         assert_eq!(weakest, [0.99, 0.7, 1.0, 0.97, 0.7]);
         assert_eq!(order[&ScanId(4)].step, 4);
+        let stated = |scan: usize, measured: f64| {
+            let measured = Evidence { probability: Some(measured), ..Evidence::default() };
+            order[&ScanId(scan)].evidence(&measured).probability
+        };
+        assert_eq!([stated(1, 0.99), stated(1, 0.6), stated(2, 0.95)], [Some(0.7), Some(0.6), Some(0.95)]);
     }
 }
