@@ -203,7 +203,7 @@ fn features_of(
             Ok(subsample_features(&io::features::read_npz(path)?, count, seed))
         }
         Source::Fpfh(scale) => {
-            let scan = Scan { id, name: String::new(), path: None, cloud: io::read_cloud(cloud)? };
+            let scan = Scan { id, cloud: io::read_cloud(cloud)?, ..Scan::default() };
             let surface = scanweave::preprocessing::thin(&scan.cloud, scale);
             let keypoints = KeypointConfig { count };
             let config = DescriptorConfig { kind: DescriptorKind::Fpfh, keypoints, ..Default::default() };

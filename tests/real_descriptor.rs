@@ -76,7 +76,7 @@ fn a_real_fragment_is_described_in_full_and_in_time() {
     let data = data();
     let path = data.join("3dmatch/7-scenes-redkitchen/PointCloud/cloud_bin_0.ply");
     let cloud = binary(path.clone(), "end_header\n", 12);
-    let scan = Scan { id: ScanId(0), name: "cloud_bin_0".into(), path: Some(path), cloud };
+    let scan = Scan { name: "cloud_bin_0".into(), path: Some(path), cloud, ..Scan::default() };
     let scale = scanweave::scan::WorkingScale::from_voxel(0.025);
     let start = Instant::now();
     let surface = scanweave::preprocessing::thin(&scan.cloud, &scale);

@@ -1,6 +1,6 @@
 //! `scanweave describe`.
 
-use super::options::{SettingOptions, ThreadOption};
+use super::options::{ReadingOptions, SettingOptions, ThreadOption};
 use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
 use clap::Args;
@@ -35,6 +35,8 @@ pub struct Arguments {
     #[arg(long, value_name = "DIR")]
     cache: Option<PathBuf>,
     #[command(flatten)]
+    reading: ReadingOptions,
+    #[command(flatten)]
     threads: ThreadOption,
     #[command(flatten)]
     settings: SettingOptions,
@@ -42,10 +44,10 @@ pub struct Arguments {
 
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
     let mut config = arguments.settings.config()?;
-    let scans_named = io::discover(&arguments.inputs)?;
+    arguments.reading.format.apply(&mut config.input)?;
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;
-    let scans = io::read_scans(&scans_named, &progress)?;
+    let scans = arguments.reading.read(&arguments.inputs, &config.input, &progress, verbosity)?;
     check_output(&arguments.output, &scans, arguments.force)?;
     let given = match &arguments.features {
         Some(place) => {

@@ -1,7 +1,9 @@
 //! `scanweave inspect`.
 
+use super::options::FormatOptions;
 use super::{Status, Verbosity, outcome, terminal};
 use clap::Args;
+use scanweave::io::ReadOptions;
 use scanweave::report::inspect::{self, Finding};
 use std::path::PathBuf;
 
@@ -15,14 +17,18 @@ pub struct Arguments {
     /// Files and folders.
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
+    #[command(flatten)]
+    reading: FormatOptions,
     /// Print one JSON document instead of tables.
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    let mut options = ReadOptions::default();
+    arguments.reading.apply(&mut options)?;
     let found: Vec<Vec<Finding>> =
-        arguments.paths.iter().map(|p| inspect::inspect(p)).collect::<scanweave::Result<_>>()?;
+        arguments.paths.iter().map(|p| inspect::inspect(p, &options)).collect::<scanweave::Result<_>>()?;
     let found = found.concat();
     if arguments.json {
         terminal::print(&format!("{}\n", serde_json::to_string_pretty(&found)?))?;

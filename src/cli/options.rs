@@ -1,8 +1,12 @@
 //! Flags that several subcommands share.
 
+use super::{Verbosity, outcome};
 use anyhow::Context;
 use clap::Args;
+use scanweave::Monitor;
 use scanweave::config::{self, Config, Layers};
+use scanweave::io::{self, ReadOptions, TextColumns};
+use scanweave::scan::Scan;
 use serde::de::DeserializeOwned;
 use serde::de::value::{Error as ValueError, StrDeserializer};
 use std::path::PathBuf;
@@ -46,6 +50,73 @@ impl SettingOptions {
         }
         Config::from_layers(&layers)
     }
+}
+
+/// What files of scans do not say themselves.
+#[derive(Debug, Default, Args)]
+#[command(next_help_heading = "Reading scans")]
+pub struct FormatOptions {
+    /// Columns of text files, counted from 1: x=3,y=4,z=5, and r=, g=, b=, i= (intensity) where wanted.
+    #[arg(long, value_name = "LIST")]
+    pub columns: Option<TextColumns>,
+    /// Unit of the coordinates: mm, cm, m, km, in, ft, us-ft, or the number of metres. Default: metres,
+    /// or what the file says.
+    #[arg(long, value_name = "UNIT", value_parser = unit_m)]
+    pub unit: Option<f64>,
+    /// Units of depth images in a metre: 1000 for millimetres, 5000 for TUM RGB-D.
+    #[arg(long, value_name = "N")]
+    pub depth_scale: Option<f64>,
+    /// Intrinsics of depth images, where none lie beside them.
+    #[arg(long, value_name = "FILE")]
+    pub intrinsics: Option<PathBuf>,
+}
+
+impl FormatOptions {
+    /// Lays what the flags say over settings.
+    pub fn apply(&self, options: &mut ReadOptions) -> scanweave::Result<()> {
+        options.columns = self.columns.or(options.columns);
+        options.unit_m = self.unit.or(options.unit_m);
+        options.depth_units_per_m = self.depth_scale.or(options.depth_units_per_m);
+        options.intrinsics = self.intrinsics.clone().or_else(|| options.intrinsics.take());
+        options.validate()
+    }
+}
+
+/// How scan files are found and read.
+#[derive(Debug, Default, Args)]
+#[command(next_help_heading = "Reading scans")]
+pub struct ReadingOptions {
+    #[command(flatten)]
+    pub format: FormatOptions,
+    /// Look into the folders in a folder, too.
+    #[arg(long)]
+    pub recursive: bool,
+    /// Go on without files that cannot be read, and list them.
+    #[arg(long)]
+    pub skip_unreadable: bool,
+}
+
+impl ReadingOptions {
+    /// Finds and reads the scans, and says what a user should know of it.
+    pub fn read(
+        &self,
+        inputs: &[String],
+        options: &ReadOptions,
+        monitor: &dyn Monitor,
+        verbosity: &Verbosity,
+    ) -> scanweave::Result<Vec<Scan>> {
+        let found = io::discover_with(inputs, self.recursive)?;
+        let read = io::read_inputs(&found, options, self.skip_unreadable, monitor)?;
+        outcome::tell_about(&read, verbosity);
+        Ok(read.scans)
+    }
+}
+
+fn unit_m(text: &str) -> Result<f64, String> {
+    let number = || text.parse::<f64>().ok().filter(|m| *m > 0.0 && m.is_finite());
+    io::unit_m(text)
+        .or_else(number)
+        .ok_or_else(|| "expected mm, cm, m, km, in, ft, us-ft or a positive number of metres".to_owned())
 }
 
 /// A flag's value that is one of the words of a setting.

@@ -1,6 +1,7 @@
 //! What is said about a finished registration.
 
-use super::Status;
+use super::{Status, Verbosity, terminal};
+use scanweave::io::Inputs;
 use scanweave::pipeline::Run;
 use scanweave::preprocessing::ScaleWarning;
 use scanweave::report::table;
@@ -10,6 +11,29 @@ use std::io::IsTerminal;
 
 /// Width where output is not a terminal (a file, a pipe).
 const PIPE_WIDTH: u16 = 140;
+
+/// Says on stderr how files were read: what is taken for what, what may be wrong, what was left out.
+pub fn tell_about(read: &Inputs, verbosity: &Verbosity) {
+    if verbosity.quiet {
+        return;
+    }
+    for (note, files) in &read.notes {
+        let which = match &files[..] {
+            [one] => one.display().to_string(),
+            [first, ..] => format!("{} and {} more", first.display(), files.len() - 1),
+            [] => continue,
+        };
+        let kind = if note.warning { "warning" } else { "reading" };
+        terminal::tell(&format!("{kind}: {which}: {}", note.text));
+    }
+    let (unreadable, others): (Vec<_>, Vec<_>) = read.left_out.iter().partition(|l| l.unreadable);
+    for file in others {
+        terminal::tell(&format!("skipped: {}: no scan: {}", file.path.display(), file.why));
+    }
+    for file in unreadable {
+        terminal::tell(&format!("skipped: {}", file.why));
+    }
+}
 
 /// Logs what the stages found odd about the scans.
 pub fn warn(run: &Run, scans: &[Scan]) {

@@ -1,16 +1,15 @@
 //! `scanweave register`.
 
-use super::options::{SettingOptions, ThreadOption, word};
+use super::options::{ReadingOptions, SettingOptions, ThreadOption, word};
 use super::progress::Progress;
 use super::result_folder::ResultFolder;
 use super::{Status, Verbosity, outcome, terminal};
 use clap::Args;
+use scanweave::Error;
 use scanweave::config::{Config, Method};
 use scanweave::descriptor::DescriptorKind;
 use scanweave::pipeline::{self, FeatureSource, PairCache, Stopwatch};
-use scanweave::scan::Scan;
 use scanweave::synchronization::GraphKind;
-use scanweave::{Error, io};
 use std::path::PathBuf;
 
 /// Register scans: poses with evidence, and one merged cloud.
@@ -50,6 +49,8 @@ pub struct Arguments {
     #[arg(long, value_name = "KIND", value_parser = word::<GraphKind>)]
     graph: Option<GraphKind>,
     #[command(flatten)]
+    reading: ReadingOptions,
+    #[command(flatten)]
     threads: ThreadOption,
     #[command(flatten)]
     settings: SettingOptions,
@@ -62,9 +63,8 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
     let progress = Progress::start(verbosity)?;
 
     let mut clock = Stopwatch::default();
-    let scans = clock.time("reading", || -> scanweave::Result<Vec<Scan>> {
-        io::read_scans(&io::discover(&arguments.inputs)?, &progress)
-    })?;
+    let scans = clock
+        .time("reading", || arguments.reading.read(&arguments.inputs, &config.input, &progress, verbosity))?;
     let given = match &arguments.features {
         Some(place) => Some(clock.time("features", || pipeline::read_features(place, &scans, &progress))?),
         None => None,
@@ -110,6 +110,7 @@ fn effective_config(arguments: &Arguments) -> scanweave::Result<Config> {
     let graph = arguments.graph.map(|graph| format!("synchronization.graph={graph}"));
     let flags: Vec<String> = arguments.method.iter().flat_map(|m| m.0.clone()).chain(graph).collect();
     let mut config = arguments.settings.config_with(&flags)?;
+    arguments.reading.format.apply(&mut config.input)?;
     if let Some(checkpoint) = &arguments.checkpoint {
         config.retrieval.checkpoint = Some(checkpoint.clone());
     }

@@ -7,7 +7,9 @@ use super::result_folder::{CONFIG, OVERLAP, PAGE, POSES, REPORT, merged_files};
 use super::{Status, Verbosity, terminal};
 use clap::Args;
 use rayon::prelude::*;
+use scanweave::config::{Config, Layers};
 use scanweave::geometry::Point;
+use scanweave::io::ReadOptions;
 use scanweave::preprocessing::localize;
 use scanweave::report::html;
 use scanweave::report::html::PointSource;
@@ -16,8 +18,9 @@ use scanweave::result::run::RunReport;
 use scanweave::result::{merged, overlaps};
 use scanweave::scan::{PointCloud, Reconstruction, Scan, ScanId, Surface};
 use scanweave::{Error, Monitor, io};
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Make report.html of an existing result anew: one file for any browser, without a network.
 ///
@@ -36,6 +39,9 @@ pub struct Arguments {
     /// @list.txt.
     #[arg(long, value_name = "SCANS", num_args = 1..)]
     scans: Vec<String>,
+    /// Look into the folders in a folder of --scans, too.
+    #[arg(long, requires = "scans")]
+    recursive: bool,
     /// Folder of the scans with their true poses, as `evaluate` takes it: the page then tells every
     /// scan's error too, and colours by it.
     #[arg(long, value_name = "SCENE")]
@@ -50,6 +56,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     let report = RunReport::load(&folder.join(REPORT))?;
     let config_file = folder.join(CONFIG);
     let config = std::fs::read_to_string(&config_file).map_err(|e| Error::read(&config_file, e))?;
+    let options = read_as_before(&config_file)?;
     let overlap_file = folder.join(OVERLAP);
     let similarity = match overlap_file.exists() {
         true => Some(overlaps::read_predicted(&overlap_file, poses.scans.len())?),
@@ -62,12 +69,12 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     };
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;
-    let (clouds, sources) = clouds(arguments, &poses, &reconstruction, &progress)?;
+    let (clouds, sources) = clouds(arguments, &poses, &reconstruction, &options, &progress)?;
     let scan = |(entry, cloud): (&Entry, &PointCloud)| Scan {
         id: ScanId(entry.id),
         name: entry.name.clone(),
-        path: None,
         cloud: cloud.clone(),
+        ..Scan::default()
     };
     let (local, frames) = localize(&poses.scans.iter().zip(&clouds).map(scan).collect::<Vec<_>>());
     let mut surfaces = scanweave::pipeline::thin(&local, &frames, &report.scale, &progress)?;
@@ -95,25 +102,23 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     Ok(Status::Success)
 }
 
+/// How the scans were read, from the settings of the result.
+fn read_as_before(config_file: &Path) -> scanweave::Result<ReadOptions> {
+    let mut layers = Layers::new::<Config>();
+    layers.add_file(config_file)?;
+    Ok(Config::from_layers(&layers)?.input)
+}
+
 /// Points of every scan and where they come from: its file, else the result's merged clouds; empty
 /// where neither has any.
 fn clouds(
     arguments: &Arguments,
     poses: &Document,
     reconstruction: &Reconstruction,
+    options: &ReadOptions,
     monitor: &dyn Monitor,
 ) -> scanweave::Result<(Vec<PointCloud>, Vec<PointSource>)> {
-    const STAGE: &str = "reading scans";
-    let files = files(arguments, poses)?;
-    monitor.begin(STAGE, files.len());
-    let read = |file: &Option<PathBuf>| {
-        monitor.check(STAGE)?;
-        monitor.advance(1);
-        file.as_deref().filter(|f| f.exists()).map(io::read_cloud).transpose()
-    };
-    let read: Vec<scanweave::Result<Option<PointCloud>>> = files.par_iter().map(read).collect();
-    monitor.end();
-    let read = read.into_iter().collect::<scanweave::Result<Vec<_>>>()?;
+    let read = scans_of(arguments, poses, options, monitor)?;
     let mut merged = match read.iter().all(Option::is_some) {
         true => Vec::new(),
         false => {
@@ -141,19 +146,46 @@ fn clouds(
     Ok((clouds, sources))
 }
 
-/// Where the scans are, as far as that is known.
-fn files(arguments: &Arguments, poses: &Document) -> scanweave::Result<Vec<Option<PathBuf>>> {
-    if arguments.scans.is_empty() {
-        return Ok(poses.scans.iter().map(|s| s.file.as_ref().map(PathBuf::from)).collect());
+/// The clouds of the scans, as far as their files are where they were.
+fn scans_of(
+    arguments: &Arguments,
+    poses: &Document,
+    options: &ReadOptions,
+    monitor: &dyn Monitor,
+) -> scanweave::Result<Vec<Option<PointCloud>>> {
+    const STAGE: &str = "reading scans";
+    if !arguments.scans.is_empty() {
+        let found = io::discover_with(&arguments.scans, arguments.recursive)?;
+        let scans = io::read_inputs(&found, options, false, monitor)?.scans;
+        if scans.len() != poses.scans.len() {
+            return Err(Error::setting(
+                "--scans",
+                format!("{} scans", scans.len()),
+                format!("the {} scans that were registered", poses.scans.len()),
+                "name the same scans as for `register`",
+            ));
+        }
+        return Ok(scans.into_iter().map(|scan| Some(scan.cloud)).collect());
     }
-    let found = io::discover(&arguments.scans)?;
-    if found.len() != poses.scans.len() {
-        return Err(Error::setting(
-            "--scans",
-            format!("{} scans", found.len()),
-            format!("the {} scans that were registered", poses.scans.len()),
-            "name the same scans as for `register`",
-        ));
-    }
-    Ok(found.into_iter().map(Some).collect())
+    // A file of several scans is read once.
+    let files: BTreeSet<&str> = poses.scans.iter().filter_map(|s| s.file.as_deref()).collect();
+    monitor.begin(STAGE, files.len());
+    let read = |file: &&str| {
+        monitor.check(STAGE)?;
+        monitor.advance(1);
+        let path = Path::new(file);
+        let scans = if path.exists() { io::read_file(path, options)?.scans } else { Vec::new() };
+        let clouds: Vec<Option<PointCloud>> = scans.into_iter().map(|s| Some(s.cloud)).collect();
+        Ok((file.to_string(), clouds))
+    };
+    let files: Vec<&str> = files.into_iter().collect();
+    let read: Vec<scanweave::Result<_>> = files.par_iter().map(read).collect();
+    monitor.end();
+    let mut read: BTreeMap<String, Vec<Option<PointCloud>>> =
+        read.into_iter().collect::<scanweave::Result<_>>()?;
+    let mut take = |entry: &Entry| {
+        let clouds = read.get_mut(entry.file.as_deref()?)?;
+        clouds.get_mut(entry.part.unwrap_or(0))?.take()
+    };
+    Ok(poses.scans.iter().map(&mut take).collect())
 }

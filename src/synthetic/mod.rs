@@ -182,7 +182,7 @@ pub fn generate(config: &SynthConfig, monitor: &dyn Monitor) -> Result<Synthetic
     for (id, &k) in order.iter().enumerate() {
         let Some((cloud, world_from_scan)) = made[k].take() else { continue };
         let name = format!("scan_{id:0digits$}");
-        set.scans.push(Scan { id: ScanId(id), name, path: None, cloud });
+        set.scans.push(Scan { id: ScanId(id), name, cloud, ..Scan::default() });
         set.world_from_scan.push(world_from_scan);
         if k < config.scans {
             set.walk[k] = ScanId(id);

@@ -46,7 +46,7 @@ pub(super) fn fuse(entry: &RgbdEntry, root: &Path, monitor: &dyn Monitor) -> Res
             let points = fused_points(&scene.scans[frames.clone()], &poses[frames], &middle, entry)?;
             let cloud = PointCloud::from_points(points);
             monitor.advance(1);
-            Ok((Scan { id: ScanId(id), name: format!("frame_{start}"), path: None, cloud }, middle))
+            Ok((Scan { id: ScanId(id), name: format!("frame_{start}"), cloud, ..Scan::default() }, middle))
         })
         .collect();
     monitor.end();

@@ -42,6 +42,18 @@ pub enum Error {
         /// What the user can do.
         remedy: String,
     },
+    /// A file that is something else than a scan: a table, notes, a list of poses.
+    #[error("{}: found {found}, expected {expected}; {remedy}", path.display())]
+    NotAScan {
+        /// The file.
+        path: PathBuf,
+        /// What is there.
+        found: String,
+        /// What a scan would have.
+        expected: String,
+        /// What the user can do.
+        remedy: String,
+    },
     /// A setting (config key or flag) has an unusable value.
     #[error("{key}: found {found}, expected {expected}; {remedy}")]
     Setting {
@@ -98,7 +110,9 @@ impl Error {
     /// The class this error belongs to.
     pub fn kind(&self) -> ErrorKind {
         match self {
-            Error::Read { .. } | Error::File { .. } | Error::Input { .. } => ErrorKind::Input,
+            Error::Read { .. } | Error::File { .. } | Error::NotAScan { .. } | Error::Input { .. } => {
+                ErrorKind::Input
+            }
             Error::Setting { .. } => ErrorKind::Setting,
             Error::Write { .. } | Error::OutputExists { .. } => ErrorKind::Output,
             Error::Interrupted { .. } => ErrorKind::Interrupted,
@@ -113,6 +127,21 @@ impl Error {
         remedy: impl Into<String>,
     ) -> Self {
         Error::File {
+            path: path.as_ref().to_path_buf(),
+            found: found.into(),
+            expected: expected.into(),
+            remedy: remedy.into(),
+        }
+    }
+
+    /// A file that is something else than a scan.
+    pub fn not_a_scan(
+        path: impl AsRef<Path>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Error::NotAScan {
             path: path.as_ref().to_path_buf(),
             found: found.into(),
             expected: expected.into(),

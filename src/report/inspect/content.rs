@@ -31,6 +31,8 @@ pub struct ScanContent {
     pub viewpoint_m: Option<[f32; 3]>,
     /// Median distance of a point to the nearest other; null with fewer than two points.
     pub spacing_m: Option<f64>,
+    /// How the file was read, where that is not plain.
+    pub notes: Vec<String>,
 }
 
 pub(super) fn scan(cloud: &PointCloud) -> ScanContent {
@@ -42,6 +44,7 @@ pub(super) fn scan(cloud: &PointCloud) -> ScanContent {
         origin_m: cloud.origin_m.into(),
         viewpoint_m: cloud.viewpoint.map(|v| v.coords.into()),
         spacing_m: spacing(&cloud.points),
+        notes: Vec::new(),
     }
 }
 

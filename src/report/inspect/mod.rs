@@ -8,7 +8,7 @@ pub use content::{FeatureContent, FileSize, LeftOut, ResultContent, RunContent, 
 pub use tensors::{CheckpointContent, TensorContent};
 pub use text::text;
 
-use crate::io;
+use crate::io::{self, ReadOptions, StoredScan};
 use crate::{Error, Result};
 use serde::Serialize;
 use std::fs;
@@ -22,6 +22,9 @@ const POSES: &str = "poses.json";
 pub struct Finding {
     /// The file or folder.
     pub path: PathBuf,
+    /// Which scan of the file it is, from zero, where the file holds several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub part: Option<usize>,
     /// Size on disk; of a folder, that of the files in it.
     pub bytes: u64,
     /// What it is.
@@ -49,9 +52,9 @@ pub enum Content {
 /// # Errors
 /// [`Error::Read`], or [`Error::File`] and [`Error::Input`] when it is nothing that this program
 /// reads, or is damaged.
-pub fn inspect(path: &Path) -> Result<Vec<Finding>> {
+pub fn inspect(path: &Path, options: &ReadOptions) -> Result<Vec<Finding>> {
     if !path.is_dir() {
-        return Ok(vec![file(path)?]);
+        return file(path, options);
     }
     if path.join(POSES).exists() {
         return Ok(vec![result(path)?]);
@@ -62,7 +65,8 @@ pub fn inspect(path: &Path) -> Result<Vec<Finding>> {
         Err(e) if files.is_empty() => return Err(e),
         Err(_) => {}
     }
-    files.iter().map(|f| file(f)).collect()
+    let found = files.iter().map(|f| file(f, options)).collect::<Result<Vec<_>>>()?;
+    Ok(found.concat())
 }
 
 /// Checkpoints of a folder, sorted.
@@ -75,7 +79,7 @@ fn checkpoints_in(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(found)
 }
 
-fn file(path: &Path) -> Result<Finding> {
+fn file(path: &Path, options: &ReadOptions) -> Result<Vec<Finding>> {
     let bytes = fs::metadata(path).map_err(|e| Error::read(path, e))?.len();
     let content = if path.file_name().is_some_and(|n| n == POSES) {
         Content::Result(Box::new(content::result(path.parent().unwrap_or(Path::new("")))?))
@@ -84,15 +88,24 @@ fn file(path: &Path) -> Result<Finding> {
     } else if has_extension(path, "npz") && io::features::holds_features(path)? {
         Content::Features(content::features(&io::features::read_npz(path)?))
     } else {
-        Content::Scan(content::scan(&io::read_cloud(path)?))
+        let read = io::read_file(path, options)?;
+        let several = read.scans.len() > 1;
+        let notes: Vec<String> = read.notes.into_iter().map(|note| note.text).collect();
+        let scan = |(part, stored): (usize, StoredScan)| Finding {
+            path: path.to_path_buf(),
+            part: several.then_some(part),
+            bytes,
+            content: Content::Scan(ScanContent { notes: notes.clone(), ..content::scan(&stored.cloud) }),
+        };
+        return Ok(read.scans.into_iter().enumerate().map(scan).collect());
     };
-    Ok(Finding { path: path.to_path_buf(), bytes, content })
+    Ok(vec![Finding { path: path.to_path_buf(), part: None, bytes, content }])
 }
 
 fn result(folder: &Path) -> Result<Finding> {
     let content = content::result(folder)?;
     let bytes = content.files.iter().map(|f| f.bytes).sum();
-    Ok(Finding { path: folder.to_path_buf(), bytes, content: Content::Result(Box::new(content)) })
+    Ok(Finding { path: folder.to_path_buf(), part: None, bytes, content: Content::Result(Box::new(content)) })
 }
 
 fn has_extension(path: &Path, extension: &str) -> bool {

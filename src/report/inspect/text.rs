@@ -5,6 +5,7 @@ use super::tensors::CheckpointContent;
 use super::{Content, Finding};
 use crate::report::table::{drawn, length};
 use serde_json::Value;
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// One table of all scans, one of all features, and a section for everything else; `width` in
@@ -17,6 +18,17 @@ pub fn text(findings: &[Finding], width: Option<u16>) -> String {
         .collect();
     if !scans.is_empty() {
         parts.push(drawn(&scan_columns(&scans), width));
+        let mut said: BTreeMap<&str, Vec<&Finding>> = BTreeMap::new();
+        for (finding, content) in &scans {
+            content.notes.iter().for_each(|note| said.entry(note).or_default().push(finding));
+        }
+        for (note, findings) in said {
+            let more = match findings.len() {
+                1 => String::new(),
+                n => format!(" and {} more", n - 1),
+            };
+            parts.push(format!("{}{more}: {note}\n", shown(findings[0])));
+        }
     }
     let features: Vec<(&Finding, &FeatureContent)> = findings
         .iter()
@@ -150,7 +162,8 @@ fn printable(text: &str) -> String {
 }
 
 fn shown(finding: &Finding) -> String {
-    printable(&finding.path.to_string_lossy())
+    let path = printable(&finding.path.to_string_lossy());
+    finding.part.map_or(path.clone(), |part| format!("{path}#{}", part + 1))
 }
 
 fn yes(value: bool) -> String {

@@ -9,6 +9,7 @@ pub use layers::Layers;
 
 use crate::descriptor::DescriptorConfig;
 use crate::error::{Error, Result};
+use crate::io::ReadOptions;
 use crate::preprocessing::ScaleConfig;
 use crate::registration::RegistrationConfig;
 use crate::retrieval::RetrievalConfig;
@@ -119,6 +120,8 @@ pub struct Config {
     pub seed: u64,
     /// How scans are registered.
     pub method: Method,
+    /// What files do not say themselves.
+    pub input: ReadOptions,
     /// Lengths, chosen from the scans where not given.
     pub scale: ScaleConfig,
     /// Keypoints and local descriptors.
@@ -140,6 +143,7 @@ impl Default for Config {
             preset: DEFAULT_PRESET.to_owned(),
             seed: 0,
             method: Method::default(),
+            input: ReadOptions::default(),
             scale: ScaleConfig::default(),
             descriptor: DescriptorConfig::default(),
             retrieval: RetrievalConfig::default(),
@@ -213,6 +217,7 @@ impl Config {
     /// # Errors
     /// [`Error::Setting`] naming the key.
     pub fn validate(&self) -> Result<()> {
+        self.input.validate()?;
         self.scale.validate()?;
         self.descriptor.validate()?;
         self.retrieval.validate()?;

@@ -247,11 +247,11 @@ pub fn describe(
 mod tests {
     use super::*;
     use crate::preprocessing::surface;
-    use crate::scan::{PointCloud, ScanId};
+    use crate::scan::PointCloud;
     use rand::{RngExt, SeedableRng};
 
     fn scan(points: Vec<Point>) -> Scan {
-        Scan { id: ScanId(0), name: "a".into(), path: None, cloud: PointCloud::from_points(points) }
+        Scan { name: "a".into(), cloud: PointCloud::from_points(points), ..Scan::default() }
     }
 
     /// Random points on the faces of a box corner, 1 m wide.

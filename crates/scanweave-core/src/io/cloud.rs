@@ -1,12 +1,14 @@
 //! One entry for every cloud format: content first, extension second.
 
-use super::{depth, npy, pcd, ply, text};
+use super::scalar::counted;
+use super::scan_file::{ReadOptions, ScanFile};
+use super::{depth, e57, las, npy, pcd, ply, text};
 use crate::error::{Error, Result};
 use crate::scan::PointCloud;
 use std::fs;
 use std::path::Path;
 
-/// Formats [`read_cloud`] can tell apart.
+/// Formats [`read_file`] can tell apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Format {
     Ply,
@@ -23,19 +25,35 @@ enum Format {
 pub(super) const FORMATS: &str =
     "PLY, PCD, XYZ/PTS/TXT/ASC/CSV text, NPY, NPZ, LAS/LAZ, E57 or a 16-bit depth PNG";
 
-/// Reads one scan. The format is told by the file's first bytes, and by its
+/// Reads the only scan of a file, with the options' defaults: see [`read_file`].
+///
+/// # Errors
+/// Those of [`read_file`]; [`Error::File`] for a file of several scans.
+pub fn read_cloud(path: impl AsRef<Path>) -> Result<PointCloud> {
+    let path = path.as_ref();
+    let mut scans = read_file(path, &ReadOptions::default())?.scans;
+    match scans.len() {
+        1 => Ok(scans.swap_remove(0).cloud),
+        n => {
+            let remedy = "register the file, which takes them as scans of their own, or export one of them";
+            Err(Error::file(path, counted(n, "scan"), "a file of one scan", remedy))
+        }
+    }
+}
+
+/// Reads all scans of a file. The format is told by the file's first bytes, and by its
 /// extension where those are plain text.
 ///
-/// Rows with non-finite coordinates are dropped and counted; coordinates beyond
-/// 10 km are moved to a rounded `origin_m`. A depth PNG is back-projected with
-/// the intrinsics found beside it (see [`depth::find_intrinsics`]), 1000 units a metre.
+/// Rows with non-finite coordinates are dropped and counted; coordinates that are large beside their
+/// spread are moved to a rounded `origin_m`. A depth PNG is back-projected with
+/// the intrinsics found beside it (see [`depth::find_intrinsics`]).
 /// An empty cloud is not an error here; [`read_scans`](super::read_scans) refuses it.
 ///
 /// # Errors
-/// [`Error::Read`] when the system refuses, [`Error::File`] when the content cannot be used;
-/// a file that ends early says what was found and what its header promised.
-pub fn read_cloud(path: impl AsRef<Path>) -> Result<PointCloud> {
-    let path = path.as_ref();
+/// [`Error::Read`] when the system refuses, [`Error::NotAScan`] when the content is something else,
+/// [`Error::File`] when it cannot be used; a file that ends early says what was found and what its
+/// header promised.
+pub fn read_file(path: &Path, options: &ReadOptions) -> Result<ScanFile> {
     if path.is_dir() {
         let remedy = "name a file in it, or pass the folder as an input of its own";
         return Err(Error::file(path, "a folder", "a scan file", remedy));
@@ -44,19 +62,28 @@ pub fn read_cloud(path: impl AsRef<Path>) -> Result<PointCloud> {
     if bytes.is_empty() {
         return Err(Error::file(path, "an empty file", FORMATS, "export or copy the scan again"));
     }
-    match format_of(path, &bytes)? {
-        Format::Ply => ply::read(path, &bytes),
-        Format::Pcd => pcd::read(path, &bytes),
-        Format::Text => text::read(path, &bytes),
-        Format::Npy => npy::read_npy(path, &bytes),
-        Format::Npz => npy::read_npz(path, &bytes),
-        Format::Las => read_las(path),
-        Format::E57 => read_e57(path),
+    let format = format_of(path, &bytes)?;
+    let mut file: ScanFile = match format {
+        Format::Ply => ply::read(path, &bytes)?.into(),
+        Format::Pcd => pcd::read(path, &bytes)?.into(),
+        Format::Text => text::read(path, &bytes)?.into(),
+        Format::Npy => npy::read_npy(path, &bytes)?.into(),
+        Format::Npz => npy::read_npz(path, &bytes)?.into(),
+        Format::Las => las::read(path)?.into(),
+        Format::E57 => e57::read(path)?.into(),
         Format::DepthPng => {
             let intrinsics = depth::find_intrinsics(path)?;
-            depth::decode_depth_png(path, &bytes)?.to_cloud(&intrinsics, depth::UNITS_PER_M)
+            depth::decode_depth_png(path, &bytes)?.to_cloud(&intrinsics, depth::UNITS_PER_M)?.into()
+        }
+    };
+    // Text may say its own unit, and the depth of images has one of its own.
+    if let Some(unit_m) = options.unit_m.filter(|_| !matches!(format, Format::Text | Format::DepthPng)) {
+        for scan in &mut file.scans {
+            scan.cloud.scale(unit_m);
+            scan.pose.iter_mut().for_each(|pose| pose.translation.vector *= unit_m);
         }
     }
+    Ok(file)
 }
 
 fn format_of(path: &Path, bytes: &[u8]) -> Result<Format> {
@@ -106,34 +133,4 @@ fn looks_like_pcd(bytes: &[u8]) -> bool {
     let head = String::from_utf8_lossy(&bytes[..bytes.len().min(1024)]).into_owned();
     let first = head.lines().map(str::trim).find(|l| !l.is_empty() && !l.starts_with('#'));
     head.starts_with("# .PCD") || first.is_some_and(|l| l.starts_with("VERSION") || l.starts_with("FIELDS"))
-}
-
-#[cfg(feature = "las")]
-fn read_las(path: &Path) -> Result<PointCloud> {
-    super::las::read(path)
-}
-
-#[cfg(not(feature = "las"))]
-fn read_las(path: &Path) -> Result<PointCloud> {
-    Err(feature_missing(path, "LAS/LAZ", "las"))
-}
-
-#[cfg(feature = "e57")]
-fn read_e57(path: &Path) -> Result<PointCloud> {
-    super::e57::read(path)
-}
-
-#[cfg(not(feature = "e57"))]
-fn read_e57(path: &Path) -> Result<PointCloud> {
-    Err(feature_missing(path, "E57", "e57"))
-}
-
-#[cfg(any(not(feature = "las"), not(feature = "e57")))]
-fn feature_missing(path: &Path, format: &str, feature: &str) -> Error {
-    Error::file(
-        path,
-        format!("a {format} file"),
-        format!("a build with the cargo feature '{feature}'"),
-        format!("build with --features {feature}, or export the scan as PLY"),
-    )
 }

@@ -2,40 +2,84 @@
 
 use super::cloud::FORMATS;
 use crate::error::{Error, Result};
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Extensions of formats that hold nothing but clouds.
-const CLOUD_EXTENSIONS: [&str; 11] =
-    ["ply", "pcd", "xyz", "pts", "asc", "csv", "xyzrgb", "xyzn", "las", "laz", "e57"];
-/// Extensions that hold a cloud only if nothing better is in the folder: features are kept in these too.
-const ARRAY_EXTENSIONS: [&str; 2] = ["npy", "npz"];
+const CLOUD_EXTENSIONS: [&str; 12] =
+    ["ply", "pcd", "xyz", "pts", "ptx", "asc", "csv", "xyzrgb", "xyzn", "las", "laz", "e57"];
+/// Extensions that hold a cloud only if nothing better is in the folder: features are kept in these too,
+/// a mesh is often a scan's copy, and `.bin` may be anything.
+const OTHER_EXTENSIONS: [&str; 7] = ["npy", "npz", "bin", "obj", "stl", "off", "glb"];
+/// Extensions of packed files, which are looked through.
+const PACKED_EXTENSIONS: [&str; 2] = ["gz", "zip"];
+/// Files that this program writes beside scans, and well-known lists of poses.
+const NO_SCANS: [&str; 3] = ["overlap.csv", "poses.csv", "trajectory.csv"];
+
+/// A file that may hold scans.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FoundFile {
+    /// The file.
+    pub path: PathBuf,
+    /// Whether the user named it (itself, in a list or by a pattern) and not only its folder.
+    pub named: bool,
+}
+
+/// A file that was not taken.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LeftOut {
+    /// The file.
+    pub path: PathBuf,
+    /// What was found in place of a scan.
+    pub why: String,
+    /// Whether it is a scan that cannot be read, and not something else.
+    pub unreadable: bool,
+}
+
+/// What the user's inputs stand for.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Discovered {
+    /// Files to read, naturally sorted.
+    pub files: Vec<FoundFile>,
+    /// Files of the folders that are known not to be scans by their names.
+    pub left_out: Vec<LeftOut>,
+}
+
+/// Scan files named by `inputs`, naturally sorted (`s2` before `s10`), each once: see [`discover_with`].
+///
+/// # Errors
+/// Those of [`discover_with`].
+pub fn discover(inputs: &[String]) -> Result<Vec<PathBuf>> {
+    Ok(discover_with(inputs, false)?.files.into_iter().map(|f| f.path).collect())
+}
 
 /// Scan files named by `inputs`, naturally sorted (`s2` before `s10`), each once.
 ///
 /// An input is
 /// - a file, taken as it is;
-/// - a folder: its `PointCloud/` if it has one (the 3DMatch layout), else its cloud files; NPY/NPZ only
-///   if there are no others, then depth PNGs, then those of a subfolder `depth/`. Plain `.txt` is
-///   never taken from a folder, since poses and notes have that extension too;
+/// - a folder: its `PointCloud/` if it has one (the 3DMatch layout), else its cloud files; NPY, NPZ,
+///   BIN and meshes only if there are no others, then depth PNGs, then those of a subfolder `depth/`.
+///   Plain `.txt` is never taken from a folder, since poses and notes have that extension too;
 /// - a glob (`scans/*.ply`), where no file of that very name exists;
 /// - `@list.txt`: a text file of inputs, one a line, relative to its folder; `#` begins a comment.
 ///
-/// Hidden files are ignored. The order never depends on that of a directory or of `inputs`.
+/// With `recursive`, the folders in a folder count as inputs too. Hidden files are ignored. The order
+/// never depends on that of a directory or of `inputs`.
 ///
 /// # Errors
 /// [`Error::Read`] for an input that does not exist, [`Error::Input`] when an input
 /// (or all of them) yields no scan file, saying what was looked for.
-pub fn discover(inputs: &[String]) -> Result<Vec<PathBuf>> {
-    let mut found = Vec::new();
+pub fn discover_with(inputs: &[String], recursive: bool) -> Result<Discovered> {
+    let mut found = Search { recursive, ..Search::default() };
     for input in inputs {
         match input.strip_prefix('@') {
             Some(list) if !Path::new(input).exists() => read_list(Path::new(list), &mut found)?,
             _ => resolve(input, Path::new(""), &mut found)?,
         }
     }
-    if found.is_empty() {
+    let Search { mut files, mut left_out, .. } = found;
+    if files.is_empty() {
         return Err(Error::input(
             "inputs",
             "no scan",
@@ -43,14 +87,38 @@ pub fn discover(inputs: &[String]) -> Result<Vec<PathBuf>> {
             "name at least one scan file or folder",
         ));
     }
-    sort_naturally(&mut found);
+    // What is named itself comes before the same file of a folder, so that it counts as named.
+    files.sort_by_cached_key(|f| (natural_key(&f.path), f.path.clone(), !f.named));
     let mut seen = HashSet::new();
     // The same file by two names is one scan; what cannot be resolved is told apart by its name.
-    found.retain(|p| seen.insert(fs::canonicalize(p).unwrap_or_else(|_| p.clone())));
-    Ok(found)
+    let same = |path: &Path| fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+    files.retain(|f| seen.insert(same(&f.path)));
+    left_out.retain(|f| seen.insert(same(&f.path)));
+    Ok(Discovered { files, left_out })
 }
 
-fn read_list(list: &Path, found: &mut Vec<PathBuf>) -> Result<()> {
+/// What was found so far.
+#[derive(Default)]
+struct Search {
+    recursive: bool,
+    files: Vec<FoundFile>,
+    left_out: Vec<LeftOut>,
+}
+
+impl Search {
+    fn add_named(&mut self, path: PathBuf) {
+        self.files.push(FoundFile { path, named: true });
+    }
+
+    fn add_folder(&mut self, folder: &Path) -> Result<()> {
+        let found = if self.recursive { tree(folder)? } else { scan_files_of(folder)? };
+        self.files.extend(found.0.into_iter().map(|path| FoundFile { path, named: false }));
+        self.left_out.extend(found.1);
+        Ok(())
+    }
+}
+
+fn read_list(list: &Path, found: &mut Search) -> Result<()> {
     let bytes = fs::read(list).map_err(|e| Error::read(list, e))?;
     let text = String::from_utf8(bytes).map_err(|_| {
         Error::file(
@@ -60,14 +128,14 @@ fn read_list(list: &Path, found: &mut Vec<PathBuf>) -> Result<()> {
             "save the list as UTF-8 text",
         )
     })?;
-    let before = found.len();
+    let before = found.files.len();
     let folder = list.parent().unwrap_or(Path::new(""));
     for line in text.trim_start_matches('\u{feff}').lines().map(str::trim) {
         if !line.is_empty() && !line.starts_with('#') {
             resolve(line, folder, found)?;
         }
     }
-    if found.len() == before {
+    if found.files.len() == before {
         return Err(Error::file(
             list,
             "no path",
@@ -79,27 +147,26 @@ fn read_list(list: &Path, found: &mut Vec<PathBuf>) -> Result<()> {
 }
 
 /// Adds what one input names; relative ones start from `base`.
-fn resolve(input: &str, base: &Path, found: &mut Vec<PathBuf>) -> Result<()> {
+fn resolve(input: &str, base: &Path, found: &mut Search) -> Result<()> {
     let path = base.join(input);
     if path.is_dir() {
-        found.extend(scan_files(&path)?);
-        return Ok(());
+        return found.add_folder(&path);
     }
     if path.exists() {
-        found.push(path);
+        found.add_named(path);
         return Ok(());
     }
     if !input.contains(['*', '?', '[']) {
         let missing = std::io::Error::new(std::io::ErrorKind::NotFound, "no such file or folder");
         return Err(Error::read(path, missing));
     }
-    let before = found.len();
-    found.extend(expand(&path, base, input)?);
-    if found.len() == before {
+    let matching = expand(&path, base, input)?;
+    if matching.is_empty() {
         let expected = "at least one scan file that matches it";
         let remedy = "check the pattern; hidden files and folders are not matched";
         return Err(Error::input(input, "no file", expected, remedy));
     }
+    matching.into_iter().for_each(|path| found.add_named(path));
     Ok(())
 }
 
@@ -123,23 +190,38 @@ fn expand(pattern: &Path, base: &Path, input: &str) -> Result<Vec<PathBuf>> {
     let files = matches.map(|m| m.map_err(|e| Error::read(e.path(), std::io::Error::from(e.error().kind()))));
     let files: Vec<PathBuf> = files.collect::<Result<_>>()?;
     let wanted = |p: &PathBuf| {
-        p.is_file() && (is_cloud(p) || is_array(p) || is_depth(p) || has_extension(p, &["txt"]))
+        p.is_file() && (is_cloud(p) || is_other(p) || is_depth(p) || has_extension(p, &["txt"]))
     };
     Ok(files.into_iter().filter(wanted).collect())
 }
 
-/// Scan files of a folder, naturally sorted: see [`discover`].
+/// Scan files of a folder, naturally sorted: see [`discover_with`].
 ///
 /// # Errors
 /// [`Error::Read`], or [`Error::Input`] when there is none.
 pub fn scan_files(folder: &Path) -> Result<Vec<PathBuf>> {
+    Ok(scan_files_of(folder)?.0)
+}
+
+/// Scan files of a folder, and files that are none by their names.
+fn scan_files_of(folder: &Path) -> Result<(Vec<PathBuf>, Vec<LeftOut>)> {
     let named = folder.join("PointCloud");
     let (place, depth) = (if named.is_dir() { named } else { folder.to_path_buf() }, folder.join("depth"));
-    let files = visible_files(&place)?;
+    let mut files = visible_files(&place)?;
+    let mut left_out = Vec::new();
+    files.retain(|path| {
+        let name = path.file_name().map(|n| n.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+        let known = NO_SCANS.contains(&name.as_str());
+        if known {
+            let why = "a table that goes with scans, by its name".to_owned();
+            left_out.push(LeftOut { path: path.clone(), why, unreadable: false });
+        }
+        !known
+    });
     let pick = |keep: fn(&Path) -> bool| files.iter().filter(|p| keep(p)).cloned().collect::<Vec<_>>();
     let mut scans = pick(is_cloud);
     if scans.is_empty() {
-        scans = pick(is_array);
+        scans = pick(is_other);
     }
     if scans.is_empty() {
         scans = pick(is_depth);
@@ -148,15 +230,64 @@ pub fn scan_files(folder: &Path) -> Result<Vec<PathBuf>> {
         scans = visible_files(&depth)?.into_iter().filter(|p| is_depth(p)).collect();
     }
     if scans.is_empty() {
-        let found = match files.len() {
-            0 => "no visible file".to_owned(),
-            n => format!("{n} files, none of them a scan by its extension"),
-        };
-        let remedy = "name another folder, or name the files themselves (.txt clouds must be named)";
-        return Err(Error::input(place.display().to_string(), found, format!("scans: {FORMATS}"), remedy));
+        let remedy = "name another folder, or name the files themselves (.txt clouds must be named); \
+                      --recursive looks into the folders in it";
+        let expected = format!("scans: {FORMATS}");
+        return Err(Error::input(place.display().to_string(), what_else(&files), expected, remedy));
     }
     sort_naturally(&mut scans);
-    Ok(scans)
+    Ok((scans, left_out))
+}
+
+/// What a folder without a scan holds, by extension.
+fn what_else(files: &[PathBuf]) -> String {
+    if files.is_empty() {
+        return "no visible file".to_owned();
+    }
+    let mut count: BTreeMap<String, usize> = BTreeMap::new();
+    for file in files {
+        let extension = file.extension().map(|e| format!(".{}", e.to_string_lossy()));
+        *count.entry(extension.unwrap_or_else(|| "without extension".to_owned())).or_default() += 1;
+    }
+    let kinds: Vec<String> = count.iter().take(5).map(|(e, n)| format!("{n} {e}")).collect();
+    let n = super::scalar::counted(files.len(), "file");
+    format!("{n}, none of them a scan by its extension ({})", kinds.join(", "))
+}
+
+/// Scan files of a folder and of all visible folders in it.
+///
+/// # Errors
+/// [`Error::Read`], or [`Error::Input`] when there is none.
+fn tree(folder: &Path) -> Result<(Vec<PathBuf>, Vec<LeftOut>)> {
+    let (mut scans, mut left_out, mut first_error) = (Vec::new(), Vec::new(), None);
+    let mut waiting = vec![folder.to_path_buf()];
+    let mut visited = HashSet::new();
+    while let Some(folder) = waiting.pop() {
+        // A link that leads back up is followed once.
+        if !visited.insert(fs::canonicalize(&folder).map_err(|e| Error::read(&folder, e))?) {
+            continue;
+        }
+        match scan_files_of(&folder) {
+            Ok(found) => {
+                scans.extend(found.0);
+                left_out.extend(found.1);
+            }
+            Err(error @ Error::Input { .. }) => {
+                first_error.get_or_insert(error);
+            }
+            Err(error) => return Err(error),
+        }
+        for entry in fs::read_dir(&folder).map_err(|e| Error::read(&folder, e))? {
+            let entry = entry.map_err(|e| Error::read(&folder, e))?;
+            if !entry.file_name().as_encoded_bytes().starts_with(b".") && entry.path().is_dir() {
+                waiting.push(entry.path());
+            }
+        }
+    }
+    match first_error {
+        Some(error) if scans.is_empty() => Err(error),
+        _ => Ok((scans, left_out)),
+    }
 }
 
 fn visible_files(folder: &Path) -> Result<Vec<PathBuf>> {
@@ -177,11 +308,19 @@ fn has_extension(path: &Path, extensions: &[&str]) -> bool {
 }
 
 fn is_cloud(path: &Path) -> bool {
-    has_extension(path, &CLOUD_EXTENSIONS)
+    holds(path, &CLOUD_EXTENSIONS)
 }
 
-fn is_array(path: &Path) -> bool {
-    has_extension(path, &ARRAY_EXTENSIONS)
+fn is_other(path: &Path) -> bool {
+    holds(path, &OTHER_EXTENSIONS)
+}
+
+/// Whether a file, packed or not, has one of these extensions.
+fn holds(path: &Path, extensions: &[&str]) -> bool {
+    match has_extension(path, &PACKED_EXTENSIONS) {
+        true => has_extension(&path.with_extension(""), extensions),
+        false => has_extension(path, extensions),
+    }
 }
 
 /// A PNG that is not, by its name, the colour image of a frame.

@@ -1,4 +1,4 @@
-//! E57 (terrestrial laser scans), with cargo feature `e57`.
+//! E57 (terrestrial laser scans).
 
 use crate::error::{Error, Result};
 use crate::scan::PointCloud;

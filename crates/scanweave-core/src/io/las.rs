@@ -1,4 +1,4 @@
-//! LAS and LAZ (airborne and terrestrial laser scans), with cargo feature `las`.
+//! LAS and LAZ (airborne and terrestrial laser scans).
 
 use crate::error::{Error, Result};
 use crate::scan::PointCloud;

@@ -9,10 +9,8 @@ mod colors;
 pub mod dataset;
 pub mod depth;
 mod discover;
-#[cfg(feature = "e57")]
 mod e57;
 pub mod features;
-#[cfg(feature = "las")]
 mod las;
 mod lzf;
 mod merged;
@@ -25,15 +23,19 @@ mod ply;
 mod ply_header;
 pub mod poses;
 mod scalar;
+mod scan_file;
 mod scans;
 mod text;
+mod text_columns;
 pub mod write_dataset;
 mod write_ply;
 
 pub use crate::atomic;
-pub use cloud::read_cloud;
-pub use discover::{discover, scan_files};
+pub use cloud::{read_cloud, read_file};
+pub use discover::{Discovered, FoundFile, LeftOut, discover, discover_with, scan_files};
 pub use merged::read_merged;
 pub use overlaps::read_overlaps;
-pub use scans::{read_scans, unique_names};
+pub use scan_file::{Note, ReadOptions, ScanFile, StoredScan, unit_m};
+pub use scans::{Inputs, read_inputs, read_scans, unique_names};
+pub use text_columns::TextColumns;
 pub use write_ply::{PlyCloud, write_ply};

@@ -1,38 +1,141 @@
 //! Many scans at once: in parallel, in order, with unique names.
 
-use super::read_cloud;
+use super::discover::{Discovered, FoundFile, LeftOut};
+use super::read_file;
 use super::scalar::counted;
+use super::scan_file::{Note, ReadOptions, ScanFile};
 use crate::error::{Error, Result};
 use crate::monitor::Monitor;
 use crate::scan::{Scan, ScanId};
 use rayon::prelude::*;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
+
+const STAGE: &str = "reading scans";
+
+/// Scans as they were read, and what a user should know of it.
+#[derive(Debug, Clone, Default)]
+pub struct Inputs {
+    /// The scans, in the order of the files and of the scans in them.
+    pub scans: Vec<Scan>,
+    /// Files that were not taken.
+    pub left_out: Vec<LeftOut>,
+    /// How the files were read, each sentence once with the files that it is about.
+    pub notes: Vec<(Note, Vec<PathBuf>)>,
+}
+
+/// Reads every scan of the files in parallel. A file with several scans gives as many, named
+/// `file#1`, `file#2`, ….
+///
+/// A file that was found in a folder and turns out to be no scan is left out. So is one that cannot be
+/// read, if `skip_unreadable`.
+///
+/// # Errors
+/// That of the first file in order that fails; [`Error::File`] for a scan without a finite point;
+/// [`Error::Input`] when nothing is left; [`Error::Interrupted`].
+pub fn read_inputs(
+    found: &Discovered,
+    options: &ReadOptions,
+    skip_unreadable: bool,
+    monitor: &dyn Monitor,
+) -> Result<Inputs> {
+    monitor.begin(STAGE, found.files.len());
+    let one = |file: &FoundFile| {
+        monitor.check(STAGE)?;
+        let read = read_file(&file.path, options).and_then(|read| with_points(&file.path, read));
+        monitor.advance(1);
+        read
+    };
+    // Collected before errors are looked at: which of two bad files is named must not depend on threads.
+    let results: Vec<Result<ScanFile>> = found.files.par_iter().map(one).collect();
+    monitor.end();
+    let mut left_out = found.left_out.clone();
+    let mut read: Vec<(&Path, ScanFile)> = Vec::new();
+    for (file, result) in found.files.iter().zip(results) {
+        match result {
+            Ok(scans) => read.push((&file.path, scans)),
+            Err(Error::NotAScan { path, found, .. }) if !file.named => {
+                left_out.push(LeftOut { path, why: found, unreadable: false });
+            }
+            Err(error @ Error::Interrupted { .. }) => return Err(error),
+            Err(error) if skip_unreadable => {
+                left_out.push(LeftOut { path: file.path.clone(), why: error.to_string(), unreadable: true });
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    if read.is_empty() {
+        let names: Vec<String> = left_out.iter().take(3).map(|l| l.path.display().to_string()).collect();
+        return Err(Error::input(
+            "inputs",
+            format!("no scan: {} left out ({} …)", counted(left_out.len(), "file"), names.join(", ")),
+            "at least one file that can be read as a scan",
+            "name the files themselves to see what is wrong with each",
+        ));
+    }
+    let mut notes: BTreeMap<Note, Vec<PathBuf>> = BTreeMap::new();
+    for (path, file) in &read {
+        for note in &file.notes {
+            notes.entry(note.clone()).or_default().push(path.to_path_buf());
+        }
+    }
+    Ok(Inputs { scans: named(read), left_out, notes: notes.into_iter().collect() })
+}
 
 /// Reads `paths` in parallel; scan `i` comes from `paths[i]`.
 ///
 /// # Errors
-/// That of the first path in order that fails; [`Error::File`] for a cloud without a finite point;
-/// [`Error::Interrupted`].
+/// That of the first path in order that fails; [`Error::File`] for a file of several scans, and for one
+/// without a finite point; [`Error::Interrupted`].
 pub fn read_scans(paths: &[PathBuf], monitor: &dyn Monitor) -> Result<Vec<Scan>> {
-    const STAGE: &str = "reading scans";
-    monitor.begin(STAGE, paths.len());
-    let names = unique_names(paths);
-    let one = |(i, path): (usize, &PathBuf)| {
-        monitor.check(STAGE)?;
-        let cloud = read_cloud(path)?;
-        if cloud.is_empty() {
-            let found = format!("0 finite points of {}", counted(cloud.dropped_rows, "row"));
-            let remedy = "leave this scan out, or export it again";
-            return Err(Error::file(path, found, "at least one point with finite coordinates", remedy));
+    let files = paths.iter().map(|path| FoundFile { path: path.clone(), named: true }).collect();
+    let found = Discovered { files, left_out: Vec::new() };
+    let scans = read_inputs(&found, &ReadOptions::default(), false, monitor)?.scans;
+    match scans.iter().find(|s| s.part.is_some()) {
+        None => Ok(scans),
+        Some(scan) => {
+            let path = scan.path.as_deref().unwrap_or(Path::new(""));
+            let remedy = "export each scan to a file of its own";
+            Err(Error::file(
+                path,
+                "several scans",
+                "one scan a file, as its pose belongs to the file",
+                remedy,
+            ))
         }
-        monitor.advance(1);
-        Ok(Scan { id: ScanId(i), name: names[i].clone(), path: Some(path.clone()), cloud })
+    }
+}
+
+/// Refuses a scan without a finite point.
+fn with_points(path: &Path, file: ScanFile) -> Result<ScanFile> {
+    let Some(part) = file.scans.iter().position(|s| s.cloud.is_empty()) else { return Ok(file) };
+    let rows = counted(file.scans[part].cloud.dropped_rows, "row");
+    let found = match file.scans.len() {
+        1 => format!("0 finite points of {rows}"),
+        _ => format!("0 finite points of {rows} in scan {}", part + 1),
     };
-    // Collected before errors are looked at: which of two bad files is named must not depend on threads.
-    let results: Vec<Result<Scan>> = paths.par_iter().enumerate().map(one).collect();
-    monitor.end();
-    results.into_iter().collect()
+    let remedy = "leave this scan out, or export it again";
+    Err(Error::file(path, found, "at least one point with finite coordinates", remedy))
+}
+
+/// Scans with their places and names.
+fn named(files: Vec<(&Path, ScanFile)>) -> Vec<Scan> {
+    let paths: Vec<PathBuf> = files.iter().map(|(path, _)| path.to_path_buf()).collect();
+    let mut scans = Vec::new();
+    for ((path, file), name) in files.into_iter().zip(unique_names(&paths)) {
+        let several = file.scans.len() > 1;
+        for (part, stored) in file.scans.into_iter().enumerate() {
+            scans.push(Scan {
+                id: ScanId(scans.len()),
+                name: if several { format!("{name}#{}", part + 1) } else { name.clone() },
+                path: Some(path.to_path_buf()),
+                part: several.then_some(part),
+                initial_pose: stored.pose,
+                cloud: stored.cloud,
+            });
+        }
+    }
+    scans
 }
 
 /// A short name for each path: its stem, with as many folders before it as it takes to be unique,

@@ -43,12 +43,20 @@ fn localized(scan: &Scan) -> (Scan, RigidMotion) {
     let local = PointCloud {
         points: cloud.points.iter().map(moved).collect(),
         colors: cloud.colors,
-        origin_m: Vector3::zeros(),
         viewpoint,
         dropped_rows: cloud.dropped_rows,
+        ..PointCloud::default()
     };
     let scan_from_local = scan.cloud.file_from_points() * points_from_local;
-    (Scan { id: scan.id, name: scan.name.clone(), path: scan.path.clone(), cloud: local }, scan_from_local)
+    let scan = Scan {
+        id: scan.id,
+        name: scan.name.clone(),
+        path: scan.path.clone(),
+        part: scan.part,
+        initial_pose: scan.initial_pose.map(|world_from_scan| world_from_scan * scan_from_local),
+        cloud: local,
+    };
+    (scan, scan_from_local)
 }
 
 /// The cloud with one point at every position; of several colours there the least.
@@ -72,6 +80,8 @@ fn without_repetitions(cloud: &PointCloud) -> PointCloud {
     PointCloud {
         points: order.iter().map(|&i| cloud.points[i as usize]).collect(),
         colors: colors.map(|c| order.iter().map(|&i| c[i as usize]).collect()),
+        intensities: None,
+        normals: None,
         ..*cloud
     }
 }
@@ -136,7 +146,6 @@ fn median(mut values: Vec<f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scan::ScanId;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
@@ -191,12 +200,7 @@ mod tests {
 
     #[test]
     fn clouds_without_shape_have_a_frame() {
-        let at = |points: Vec<Point>| Scan {
-            id: ScanId(0),
-            name: "a".into(),
-            path: None,
-            cloud: PointCloud::from_points(points),
-        };
+        let at = |points: Vec<Point>| Scan { cloud: PointCloud::from_points(points), ..Scan::default() };
         let (_, frames) = localize(&[at(vec![]), at(vec![Point::new(1.0, 2.0, 3.0); 5])]);
         assert_eq!(frames[0], RigidMotion::identity());
         assert!((frames[1].translation.vector - Vector3::new(1.0, 2.0, 3.0)).norm() < 1e-9);

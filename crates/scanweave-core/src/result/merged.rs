@@ -227,12 +227,11 @@ mod tests {
     fn placed_scans_are_moved_thinned_and_keep_colour_and_scan() {
         let scan = |id: usize, points: &[[f32; 3]], colors: Option<Vec<[u8; 3]>>| Scan {
             id: ScanId(id),
-            name: String::new(),
-            path: None,
             cloud: PointCloud {
                 colors,
                 ..PointCloud::from_points(points.iter().map(|&p| Point::from(p)).collect())
             },
+            ..Scan::default()
         };
         let placed = |x: f64, component: usize| {
             let world_from_scan = RigidMotion::translation(x, 0.0, 0.0);

@@ -61,13 +61,11 @@ pub fn read_predicted(path: &Path, n: usize) -> Result<SimilarityMatrix> {
 mod tests {
     use super::*;
     use crate::geometry::RigidMotion;
-    use crate::scan::{
-        DeclineReason, NeighbourEvidence, Outcome, Placement, PointCloud, Reconstruction, Scan, ScanId,
-    };
+    use crate::scan::{DeclineReason, NeighbourEvidence, Outcome, Placement, Reconstruction, Scan, ScanId};
 
     #[test]
     fn predicted_and_verified_stand_side_by_side_and_the_prediction_reads_back() {
-        let scan = |i| Scan { id: ScanId(i), name: i.to_string(), path: None, cloud: PointCloud::default() };
+        let scan = |i| Scan { id: ScanId(i), name: i.to_string(), ..Scan::default() };
         let placed = |neighbours| {
             Outcome::Placed(Placement {
                 world_from_scan: RigidMotion::identity(),

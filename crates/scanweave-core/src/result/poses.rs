@@ -49,6 +49,9 @@ pub struct Entry {
     pub name: String,
     /// The file, as it was named on the command line.
     pub file: Option<String>,
+    /// Which scan of the file it is, from zero, where the file holds several.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part: Option<usize>,
     /// Placed or declined.
     #[serde(flatten)]
     pub outcome: EntryOutcome,
@@ -111,6 +114,7 @@ impl Document {
             id: scan.id.0,
             name: scan.name.clone(),
             file: scan.path.as_ref().map(|p| p.display().to_string()),
+            part: scan.part,
             outcome: EntryOutcome::of(outcome, inlier_radius_m),
         });
         Self {
@@ -245,11 +249,10 @@ fn quaternion(pose: &RigidMotion) -> [f64; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scan::PointCloud;
     use nalgebra::{Point3, Vector3};
 
     fn scan(id: usize) -> Scan {
-        Scan { id: ScanId(id), name: format!("s{id}"), path: None, cloud: PointCloud::default() }
+        Scan { id: ScanId(id), name: format!("s{id}"), ..Scan::default() }
     }
 
     fn placed(component: usize, parent: Option<usize>) -> Outcome {

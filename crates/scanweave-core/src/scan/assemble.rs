@@ -4,7 +4,7 @@
 //! large for single precision are moved to a rounded origin first.
 
 use super::PointCloud;
-use crate::geometry::Point;
+use crate::geometry::{Direction, Point};
 use nalgebra::Vector3;
 
 /// Coordinates of so many spreads of the points lose detail in single precision: 24 bits resolve a
@@ -12,6 +12,17 @@ use nalgebra::Vector3;
 const LARGE_IN_SPREADS: f64 = 10.0;
 /// Rows looked at to choose the origin.
 const ORIGIN_SAMPLES: usize = 1001;
+
+/// What a file holds of every row beside its coordinates, read on demand.
+#[derive(Default)]
+pub(crate) struct Attributes<'a> {
+    /// sRGB.
+    pub rgb: Option<&'a dyn Fn(usize) -> [u8; 3]>,
+    /// Strength of the return, in the file's own unit.
+    pub intensity: Option<&'a dyn Fn(usize) -> f32>,
+    /// Normal in the coordinates of the file.
+    pub normal: Option<&'a dyn Fn(usize) -> [f32; 3]>,
+}
 
 /// Builds a cloud of `rows` rows whose coordinates `xyz_m(i)` and colours `rgb(i)` are read on demand.
 ///
@@ -22,24 +33,39 @@ pub(crate) fn assemble(
     rgb: Option<impl Fn(usize) -> [u8; 3]>,
     viewpoint_m: Option<[f64; 3]>,
 ) -> PointCloud {
+    let rgb = rgb.as_ref().map(|rgb| rgb as &dyn Fn(usize) -> [u8; 3]);
+    assemble_with(rows, xyz_m, &Attributes { rgb, ..Attributes::default() }, viewpoint_m)
+}
+
+/// [`assemble`] with more than colours.
+pub(crate) fn assemble_with(
+    rows: usize,
+    xyz_m: impl Fn(usize) -> [f64; 3],
+    attributes: &Attributes<'_>,
+    viewpoint_m: Option<[f64; 3]>,
+) -> PointCloud {
     let origin_m = choose_origin(rows, &xyz_m);
+    let Attributes { rgb, intensity, normal } = attributes;
     let mut points = Vec::with_capacity(rows);
-    let mut colors = rgb.as_ref().map(|_| Vec::with_capacity(rows));
+    let mut colors = rgb.map(|_| Vec::with_capacity(rows));
+    let mut intensities = intensity.map(|_| Vec::with_capacity(rows));
+    let mut normals = normal.map(|_| Vec::with_capacity(rows));
     for i in 0..rows {
         let [x, y, z] = xyz_m(i);
         let p = Point::new((x - origin_m.x) as f32, (y - origin_m.y) as f32, (z - origin_m.z) as f32);
         // Checked after the cast: a double beyond the range of `f32` becomes infinite there.
         if p.x.is_finite() && p.y.is_finite() && p.z.is_finite() {
             points.push(p);
-            if let (Some(colors), Some(rgb)) = (&mut colors, &rgb) {
-                colors.push(rgb(i));
-            }
+            colors.iter_mut().zip(rgb).for_each(|(all, rgb)| all.push(rgb(i)));
+            intensities.iter_mut().zip(intensity).for_each(|(all, intensity)| all.push(intensity(i)));
+            normals.iter_mut().zip(normal).for_each(|(all, normal)| all.push(Direction::from(normal(i))));
         }
     }
     let viewpoint = viewpoint_m
         .filter(|v| v.iter().all(|c| c.is_finite()))
         .map(|v| Point::from((Vector3::from(v) - origin_m).cast::<f32>()));
-    PointCloud { dropped_rows: rows - points.len(), points, colors, origin_m, viewpoint }
+    let dropped_rows = rows - points.len();
+    PointCloud { points, colors, intensities, normals, origin_m, viewpoint, dropped_rows }
 }
 
 /// No colours, spelled so that the type of the closure is known.

@@ -2,7 +2,7 @@
 
 use super::assemble::{NO_COLORS, assemble};
 use crate::error::{Error, Result};
-use crate::geometry::{Point, RigidMotion};
+use crate::geometry::{Direction, Point, RigidMotion};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// Index of a scan in the naturally sorted input.
 ///
 /// It is a label: no stage may read meaning into its order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct ScanId(pub usize);
 
@@ -27,6 +27,11 @@ pub struct PointCloud {
     pub points: Vec<Point>,
     /// One sRGB colour a point, where the file has colours.
     pub colors: Option<Vec<[u8; 3]>>,
+    /// Strength of the return of every point, in the file's own unit, where the file has it and it was
+    /// asked for ([`ReadOptions::attributes`](crate::io::ReadOptions::attributes)).
+    pub intensities: Option<Vec<f32>>,
+    /// Normal of every point in the coordinates of the file, where the file has it and it was asked for.
+    pub normals: Option<Vec<Direction>>,
     /// File coordinates of the cloud's zero point: zero unless the points lie so far from the
     /// file's zero that single precision would lose detail (georeferenced scans).
     pub origin_m: Vector3<f64>,
@@ -47,6 +52,14 @@ impl PointCloud {
         RigidMotion::translation(self.origin_m.x, self.origin_m.y, self.origin_m.z)
     }
 
+    /// Multiplies all lengths, as where a file's unit is not the metre.
+    pub(crate) fn scale(&mut self, factor: f64) {
+        let scaled = |p: &Point| Point::from((p.coords.cast::<f64>() * factor).cast::<f32>());
+        self.points.iter_mut().for_each(|p| *p = scaled(p));
+        self.viewpoint.iter_mut().for_each(|p| *p = scaled(p));
+        self.origin_m *= factor;
+    }
+
     /// Number of points.
     pub fn len(&self) -> usize {
         self.points.len()
@@ -59,7 +72,7 @@ impl PointCloud {
 }
 
 /// One scan: an id, a name for people, and its points.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Scan {
     /// Place in the sorted input.
     pub id: ScanId,
@@ -67,6 +80,10 @@ pub struct Scan {
     pub name: String,
     /// The file it came from; `None` for scans made in memory.
     pub path: Option<PathBuf>,
+    /// Which scan of the file it is, from zero, where the file holds several.
+    pub part: Option<usize>,
+    /// A rough `world_from_scan`, as the file or the user states it.
+    pub initial_pose: Option<RigidMotion>,
     /// Its points.
     pub cloud: PointCloud,
 }
@@ -80,7 +97,7 @@ impl Scan {
     /// says it.
     pub fn from_points(name: impl Into<String>, points: &[[f64; 3]]) -> Self {
         let cloud = assemble(points.len(), |i| points[i], NO_COLORS, None);
-        Self { id: ScanId(0), name: name.into(), path: None, cloud }
+        Self { name: name.into(), cloud, ..Self::default() }
     }
 
     /// [`from_points`](Self::from_points) with one sRGB colour a point.
@@ -102,7 +119,7 @@ impl Scan {
             ));
         }
         let cloud = assemble(points.len(), |i| points[i], Some(|i: usize| colors[i]), None);
-        Ok(Self { id: ScanId(0), name, path: None, cloud })
+        Ok(Self { name, cloud, ..Self::default() })
     }
 
     /// The same scan seen from where the sensor stood, in the coordinates of the points, metres.
