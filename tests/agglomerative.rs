@@ -161,7 +161,7 @@ fn with_agglomeration<T>(work: impl FnOnce(&Verifier<'_>, Vec<scanweave::registr
     let inputs: Vec<ScanInput<'_>> = described.features[..places.first]
         .iter()
         .zip(&described.surfaces)
-        .map(|(features, surface)| ScanInput { features, surface })
+        .map(|(features, surface)| ScanInput::new(features, surface))
         .collect();
     let radius_m = described.scale.inlier_radius_m;
     let config = &places.config.registration;

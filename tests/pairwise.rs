@@ -39,7 +39,7 @@ fn pose() -> RigidMotion {
 fn half_overlapping_scans_are_brought_together() {
     let (a, b) = (scan(1, 0.0..0.7, &RigidMotion::identity()), scan(1, 0.3..1.0, &pose()));
     let none = Surface::default();
-    let inputs = [&a, &b].map(|features| ScanInput { features, surface: &none });
+    let inputs = [&a, &b].map(|features| ScanInput::new(features, &none));
     let config = EstimatorConfig::default();
     let pairwise = EdgeRegistrar::new(&inputs, &config, LENGTHS, 0);
     let found = pairwise.register(ScanId(0), ScanId(1));
@@ -81,7 +81,7 @@ fn the_median_distance_is_that_of_the_surfaces_where_they_overlap() {
         ..Surface::default()
     };
     let (near, far) = (floor(40, 0.0), floor(120, 0.03));
-    let inputs = [&near, &far].map(|surface| ScanInput { features: &features, surface });
+    let inputs = [&near, &far].map(|surface| ScanInput::new(&features, surface));
     let config = EstimatorConfig::default();
     let found = EdgeRegistrar::new(&inputs, &config, LENGTHS, 0).register(ScanId(0), ScanId(1));
     assert!(found.target_from_source.translation.vector.norm() < 1e-5);
@@ -92,7 +92,7 @@ fn the_median_distance_is_that_of_the_surfaces_where_they_overlap() {
 fn strangers_have_next_to_nothing_in_common() {
     let (a, b) = (scan(3, 0.0..1.0, &RigidMotion::identity()), scan(4, 0.0..1.0, &pose()));
     let none = Surface::default();
-    let inputs = [&a, &b].map(|features| ScanInput { features, surface: &none });
+    let inputs = [&a, &b].map(|features| ScanInput::new(features, &none));
     let config = EstimatorConfig::default();
     let found = EdgeRegistrar::new(&inputs, &config, LENGTHS, 0).register(ScanId(0), ScanId(1));
     assert!(found.inliers < 12, "{} of {} matches", found.inliers, found.matches);
@@ -102,7 +102,7 @@ fn strangers_have_next_to_nothing_in_common() {
 fn a_scan_of_two_keypoints_cannot_be_registered() {
     let (a, b) = (scan(5, 0.0..1.0, &RigidMotion::identity()), scan(5, 0.0..1.0, &pose()).select(&[0, 1]));
     let none = Surface::default();
-    let inputs = [&a, &b].map(|features| ScanInput { features, surface: &none });
+    let inputs = [&a, &b].map(|features| ScanInput::new(features, &none));
     let config = EstimatorConfig::default();
     let pairwise = EdgeRegistrar::new(&inputs, &config, LENGTHS, 0);
     assert_eq!(pairwise.unusable(ScanId(0)), None);

@@ -90,7 +90,7 @@ impl World {
 
     fn inputs(&self) -> Vec<ScanInput<'_>> {
         let pairs = self.features.iter().zip(&self.surfaces);
-        pairs.map(|(features, surface)| ScanInput { features, surface }).collect()
+        pairs.map(|(features, surface)| ScanInput::new(features, surface)).collect()
     }
 
     fn register(&self, config: &RegistrationConfig, seed: u64) -> Reconstruction {

@@ -6,6 +6,7 @@ use clap::Args;
 use scanweave::Monitor;
 use scanweave::config::{self, Config, Layers};
 use scanweave::io::{self, ReadOptions, TextColumns};
+use scanweave::registration::config::Axis;
 use scanweave::scan::Scan;
 use serde::de::DeserializeOwned;
 use serde::de::value::{Error as ValueError, StrDeserializer};
@@ -110,6 +111,54 @@ impl ReadingOptions {
         outcome::tell_about(&read, verbosity);
         Ok(read.scans)
     }
+}
+
+/// What is known of poses before any scan is compared.
+#[derive(Debug, Default, Args)]
+#[command(next_help_heading = "What is known of poses")]
+pub struct PriorOptions {
+    /// Rough poses: `own`, those that the files state, or a file of them. A result may contradict them;
+    /// which ones it does is said.
+    #[arg(long, value_name = "own|FILE")]
+    pub initial_poses: Option<PathBuf>,
+    /// How far rough poses may be off: standard deviations of a position along each axis in metres and of
+    /// a rotation about each in degrees. Default: ten inlier radii, 10 degrees.
+    #[arg(long, value_name = "M,DEG", requires = "initial_poses", value_parser = deviations)]
+    pub pose_deviation: Option<(f64, f64)>,
+    /// The axis of every file that points up, within about 10 degrees: x, y, z, -x, -y, -z.
+    #[arg(long, value_name = "AXIS", value_parser = word::<Axis>, allow_hyphen_values = true)]
+    pub gravity: Option<Axis>,
+    /// Every scan was levelled: the axis that points up (z, where --gravity names none) does so within
+    /// about one degree.
+    #[arg(long)]
+    pub level: bool,
+}
+
+impl PriorOptions {
+    /// Lays what the flags say over settings.
+    pub fn apply(&self, config: &mut Config) -> scanweave::Result<()> {
+        /// Of a levelled scanner.
+        const LEVEL_DEG: f64 = 1.0;
+        let prior = &mut config.registration.prior;
+        prior.initial_poses |= self.initial_poses.is_some();
+        if let Some((position_m, rotation_deg)) = self.pose_deviation {
+            prior.position_deviation_m = Some(position_m);
+            prior.rotation_deviation_deg = rotation_deg;
+        }
+        prior.up = self.gravity.or(prior.up);
+        if self.level {
+            prior.up = prior.up.or(Some(Axis::Z));
+            prior.tilt_deviation_deg = LEVEL_DEG;
+        }
+        config.validate()
+    }
+}
+
+fn deviations(text: &str) -> Result<(f64, f64), String> {
+    let (position, rotation) = text.split_once(',').ok_or("expected two numbers, as in 0.5,10")?;
+    let positive = |word: &str| word.trim().parse::<f64>().ok().filter(|v| *v > 0.0 && v.is_finite());
+    let both = positive(position).zip(positive(rotation));
+    both.ok_or_else(|| "expected two positive numbers, as in 0.5,10".to_owned())
 }
 
 fn unit_m(text: &str) -> Result<f64, String> {

@@ -4,7 +4,7 @@ use super::{Status, Verbosity, terminal};
 use scanweave::io::Inputs;
 use scanweave::pipeline::Run;
 use scanweave::preprocessing::ScaleWarning;
-use scanweave::report::table;
+use scanweave::report::table::{self, length};
 use scanweave::result::run::RunReport;
 use scanweave::scan::{Reconstruction, Scan};
 use std::io::IsTerminal;
@@ -40,6 +40,14 @@ pub fn warn(run: &Run, scans: &[Scan]) {
     for warning in &run.warnings {
         let (ScaleWarning::OffScale { scan, .. } | ScaleWarning::NoExtent { scan, .. }) = warning;
         tracing::warn!("{}: {warning}", scans[*scan].name);
+    }
+    for rough in &run.overruled {
+        let name = &scans[rough.scan.0].name;
+        tracing::warn!(
+            "{name}: the scans contradict its rough pose, by {} and {:.1} degrees",
+            length(rough.moved_m),
+            rough.turned_deg
+        );
     }
     for scan in scans.iter().filter(|s| s.cloud.dropped_rows > 0) {
         tracing::info!("{}: left out {} rows that are not finite", scan.name, scan.cloud.dropped_rows);

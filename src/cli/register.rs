@@ -1,6 +1,6 @@
 //! `scanweave register`.
 
-use super::options::{ReadingOptions, SettingOptions, ThreadOption, word};
+use super::options::{PriorOptions, ReadingOptions, SettingOptions, ThreadOption, word};
 use super::progress::Progress;
 use super::result_folder::ResultFolder;
 use super::{Status, Verbosity, outcome, terminal};
@@ -48,6 +48,13 @@ pub struct Arguments {
     /// synchronization.graph.
     #[arg(long, value_name = "KIND", value_parser = word::<GraphKind>)]
     graph: Option<GraphKind>,
+    /// Scan that stays where its file has it, by its name. Default: all scans are moved as little as
+    /// possible where their files have coordinates in common, else the first scan of each component
+    /// stays; the same as output.reference.
+    #[arg(long, value_name = "SCAN")]
+    reference: Option<String>,
+    #[command(flatten)]
+    prior: PriorOptions,
     #[command(flatten)]
     reading: ReadingOptions,
     #[command(flatten)]
@@ -111,6 +118,10 @@ fn effective_config(arguments: &Arguments) -> scanweave::Result<Config> {
     let flags: Vec<String> = arguments.method.iter().flat_map(|m| m.0.clone()).chain(graph).collect();
     let mut config = arguments.settings.config_with(&flags)?;
     arguments.reading.format.apply(&mut config.input)?;
+    arguments.prior.apply(&mut config)?;
+    if arguments.reference.is_some() {
+        config.output.reference.clone_from(&arguments.reference);
+    }
     if let Some(checkpoint) = &arguments.checkpoint {
         config.retrieval.checkpoint = Some(checkpoint.clone());
     }

@@ -1,10 +1,12 @@
 //! From scans to a reconstruction: every stage in order, each timed.
 
+mod component_frames;
 mod features;
 mod fine_refinement;
 mod frames;
 mod pairs;
 
+use component_frames::StatedFrames;
 pub use features::{FeatureSource, read_features};
 pub use pairs::PairCache;
 
@@ -14,11 +16,11 @@ use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::monitor::Monitor;
 use crate::preprocessing::{ScaleWarning, Thinned, ViewpointStudy, local_frame, scale};
-use crate::registration::{self, Lengths, ScanInput};
+use crate::registration::{self, Lengths, PosePrior, ScanInput, prior};
 use crate::result::run::StageTime;
 use crate::retrieval::{self, Checkpoint, DescriptorTag, HeadChoice, HeadOrigin, SimilaritySource, shipped};
 use crate::scan::{
-    Features, PointCloud, PoseGraph, Reconstruction, Scan, SimilarityMatrix, Surface, WorkingScale,
+    Features, PointCloud, PoseGraph, Reconstruction, Scan, ScanId, SimilarityMatrix, Surface, WorkingScale,
 };
 use rayon::prelude::*;
 use std::time::Instant;
@@ -47,12 +49,44 @@ pub struct Run {
     pub pose_graph: Option<PoseGraph>,
     /// The outcome on every scan.
     pub reconstruction: Reconstruction,
+    /// Rough poses that the scans contradict.
+    pub overruled: Vec<Overruled>,
     /// Time each stage took.
     pub timings: Vec<StageTime>,
 }
 
+/// A rough pose that the scans contradict: it is off by more than three stated deviations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Overruled {
+    /// The scan.
+    pub scan: ScanId,
+    /// How far the centre of the scan is from where the rough pose has it, metres.
+    pub moved_m: f64,
+    /// By how much it is turned against the rough pose, degrees.
+    pub turned_deg: f64,
+}
+
+impl Overruled {
+    fn all(scans: &[Scan], described: &Described, reconstruction: &Reconstruction) -> Vec<Self> {
+        /// Deviations beyond which a rough pose and a final one contradict each other.
+        const BEYOND: f64 = 3.0;
+        let of = |(i, scan): (usize, &Scan)| {
+            let (rough, stated) = (described.priors[i].rough?, scan.initial_pose?);
+            let placed = reconstruction.world_from_scan(ScanId(i))?;
+            let centre = described.frames[i] * nalgebra::Point3::origin();
+            let moved_m = (placed * centre - stated * centre).norm();
+            let turned = placed.rotation.angle_to(&stated.rotation);
+            let off = moved_m > BEYOND * rough.position_deviation_m
+                || turned > BEYOND * rough.rotation_deviation_rad;
+            off.then_some(Self { scan: ScanId(i), moved_m, turned_deg: turned.to_degrees() })
+        };
+        scans.iter().enumerate().filter_map(of).collect()
+    }
+}
+
 /// Registers `scans` (at least two): own frames and scale → surfaces → features → similarity → growth and
-/// fine refinement, or pairs and synchronisation; poses are in the coordinates of the files. Pairs are cached beside features.
+/// fine refinement, or pairs and synchronisation; poses are in the coordinates of the files, each component in
+/// the frame of the least motion where these have a frame in common, else in that of its pivot's file. Pairs are cached beside features.
 ///
 /// # Errors
 /// Unusable scans, settings or features, or the user asked to stop.
@@ -84,6 +118,9 @@ pub fn run_with_pairs(
     config.validate()?;
     let mut clock = Stopwatch::default();
     let described = describe_timed(scans, config, source, monitor, &mut clock)?;
+    // Before minutes are spent, as a name may be wrong.
+    let reference = config.output.reference.as_deref();
+    let stated = StatedFrames::new(scans, &described.frames, &described.surfaces, reference)?;
     let (similarity, head) = predict_overlap(&described, config, monitor, &mut clock)?;
     let mut registered = register_locally(&described, &similarity, config, pairs, monitor, &mut clock)?;
     if config.method.synchronization().is_none() {
@@ -93,8 +130,9 @@ pub fn run_with_pairs(
             fine_refinement::refine(local, scans, frames, surfaces, scale, settings, monitor)
         })?;
     }
-    let Registered { pose_graph, reconstruction } = registered.in_files(&described.frames);
-    let Described { scale, warnings, frames, surfaces, features, reused } = described;
+    let Registered { pose_graph, reconstruction } = registered.in_files(&described.frames, &stated);
+    let overruled = Overruled::all(scans, &described, &reconstruction);
+    let Described { scale, warnings, frames, surfaces, features, reused, .. } = described;
     Ok(Run {
         scale,
         warnings,
@@ -106,6 +144,7 @@ pub fn run_with_pairs(
         head,
         pose_graph,
         reconstruction,
+        overruled,
         timings: clock.stages,
     })
 }
@@ -138,10 +177,10 @@ pub struct Registered {
 
 impl Registered {
     /// The same in the coordinates of the files instead of the scans' own frames.
-    fn in_files(self, scan_from_local: &[RigidMotion]) -> Self {
+    fn in_files(self, scan_from_local: &[RigidMotion], stated: &StatedFrames) -> Self {
         Self {
             pose_graph: self.pose_graph.map(|graph| frames::pose_graph(graph, scan_from_local)),
-            reconstruction: frames::reconstruction(self.reconstruction, scan_from_local),
+            reconstruction: frames::reconstruction(self.reconstruction, scan_from_local, stated),
         }
     }
 }
@@ -175,7 +214,7 @@ pub fn register_with_pairs(
     clock: &mut Stopwatch,
 ) -> Result<Registered> {
     let registered = register_locally(described, similarity, config, pairs, monitor, clock)?;
-    Ok(registered.in_files(&described.frames))
+    Ok(registered.in_files(&described.frames, &StatedFrames::of_pivots(&described.frames)))
 }
 
 /// [`register_with_pairs`] with poses of the scans' own frames.
@@ -187,11 +226,15 @@ fn register_locally(
     monitor: &dyn Monitor,
     clock: &mut Stopwatch,
 ) -> Result<Registered> {
-    let Described { scale, surfaces, features, .. } = described;
+    let Described { scale, surfaces, features, priors, .. } = described;
     let lengths = Lengths { inlier_radius_m: scale.inlier_radius_m, voxel_m: scale.voxel_m };
     clock.time("registration", || {
         let scans = features.iter().zip(surfaces);
-        let inputs: Vec<_> = scans.map(|(features, surface)| ScanInput { features, surface }).collect();
+        let known = priors.iter().copied().chain(std::iter::repeat(PosePrior::default()));
+        let inputs: Vec<_> = scans
+            .zip(known)
+            .map(|((features, surface), prior)| ScanInput { prior, ..ScanInput::new(features, surface) })
+            .collect();
         let Some(method) = config.method.synchronization() else {
             let settings = &config.registration;
             let reconstruction =
@@ -220,6 +263,8 @@ pub struct Described {
     pub features: Vec<Features>,
     /// Whether a scan's features were read instead of computed.
     pub reused: Vec<bool>,
+    /// What is known of their poses before any is compared.
+    pub priors: Vec<PosePrior>,
 }
 
 impl Described {
@@ -272,7 +317,9 @@ pub fn describe_timed(
     let surfaces = clock.time("surfaces", || thin(&local, &frames, &scale, monitor))?;
     let (features, reused) =
         clock.time("features", || features::of_scans(&local, &surfaces, &scale, config, source, monitor))?;
-    Ok(Described { scale, warnings: choice.warnings, frames, surfaces, features, reused })
+    let known = local.iter().map(|s| s.initial_pose).zip(frames.iter().copied());
+    let priors = prior::priors(&config.registration.prior, scale.inlier_radius_m, known);
+    Ok(Described { scale, warnings: choice.warnings, frames, surfaces, features, reused, priors })
 }
 
 fn check_scans(scans: &[Scan]) -> Result<()> {

@@ -88,7 +88,7 @@ pub fn register_pair(target: &Scan, source: &Scan, config: &Config) -> Result<Re
     let [target_from_local, source_from_local] = [0, 1].map(|k: usize| described.frames[k]);
     let scans = described.features.iter().zip(&described.surfaces);
     let scans: Vec<ScanInput<'_>> =
-        scans.map(|(features, surface)| ScanInput { features, surface }).collect();
+        scans.map(|(features, surface)| ScanInput::new(features, surface)).collect();
     let refused = |declined: DeclineReason, evidence: Evidence| RegisteredPair {
         target_from_source: None,
         accepted: false,

@@ -96,7 +96,7 @@ fn candidates_of(
         .features
         .iter()
         .zip(&described.surfaces)
-        .map(|(features, surface)| ScanInput { features, surface })
+        .map(|(features, surface)| ScanInput::new(features, surface))
         .collect();
     let usable: Vec<ScanId> = (0..inputs.len())
         .filter(|&i| unusable(&inputs[i], MIN_KEYPOINTS, voxel_m).is_none())

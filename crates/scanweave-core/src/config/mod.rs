@@ -82,13 +82,16 @@ pub struct OutputConfig {
     /// Voxel to which merged.ply is thinned, metres; half of the working voxel where not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub merged_voxel_m: Option<f64>,
+    /// Name of a scan that stays where its file has it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reference: Option<String>,
     /// Whether features and registered pairs are kept in the output folder for the next run.
     pub feature_cache: bool,
 }
 
 impl Default for OutputConfig {
     fn default() -> Self {
-        Self { merged_voxel_m: None, feature_cache: true }
+        Self { merged_voxel_m: None, reference: None, feature_cache: true }
     }
 }
 
@@ -194,6 +197,14 @@ impl Config {
 
     /// Refuses settings of pose graphs where no pose graph is made.
     fn check_effects(&self) -> Result<()> {
+        if self.method != Method::Multiview && self.registration.prior.is_in_use() {
+            return Err(Error::setting(
+                "registration.prior",
+                format!("a prior, with method = \"{}\"", self.method),
+                "method = \"multiview\", which weighs it",
+                "choose that method, or leave out what is known of poses",
+            ));
+        }
         let given = &self.synchronization;
         let usual = SynchronizationConfig::default();
         let key = match () {

@@ -3,11 +3,11 @@
 //! `scan_from_local` of every scan is what [`localize`](crate::preprocessing::localize) gives:
 //! `local` is the scan's own frame, `scan` are the coordinates of its file.
 
+use super::component_frames::StatedFrames;
 use crate::geometry::RigidMotion;
 use crate::geometry::rigid::PointMover;
 use crate::scan::{Features, Outcome, PoseGraph, Reconstruction, Scan};
 use nalgebra::Matrix6;
-use std::collections::BTreeMap;
 
 /// Features of a scan whose keypoints are relative to its cloud's origin, in its own frame.
 pub(super) fn to_local(features: &Features, scan: &Scan, scan_from_local: &RigidMotion) -> Features {
@@ -28,27 +28,23 @@ fn moved(features: &Features, motion: &RigidMotion) -> Features {
     }
 }
 
-/// A result in the coordinates of the files; the frame of a component is that of its pivot's file.
-pub(super) fn reconstruction(local: Reconstruction, scan_from_local: &[RigidMotion]) -> Reconstruction {
+/// A result in the coordinates of the files, each component in the frame that `stated` chooses.
+pub(super) fn reconstruction(
+    local: Reconstruction,
+    scan_from_local: &[RigidMotion],
+    stated: &StatedFrames,
+) -> Reconstruction {
+    let chosen = stated.choose(&local);
     let mut outcomes = local.outcomes;
-    // Takes a component's frame as it came out to that of its pivot's file.
-    let mut world_from_component: BTreeMap<usize, (usize, RigidMotion)> = BTreeMap::new();
-    for (scan, outcome) in outcomes.iter().enumerate() {
-        let Some(placement) = outcome.placement() else { continue };
-        let (component, step) = (placement.component, placement.step);
-        if world_from_component.get(&component).is_none_or(|known| step < known.0) {
-            let world = scan_from_local[scan] * placement.world_from_scan.inverse();
-            world_from_component.insert(component, (step, world));
-        }
-    }
     for (scan, outcome) in outcomes.iter_mut().enumerate() {
         let Outcome::Placed(placement) = outcome else { continue };
-        let Some((step, world)) = world_from_component.get(&placement.component) else { continue };
+        let Some(frame) = chosen.get(&placement.component) else { continue };
+        let world = &frame.world_from_component;
         let local_from_scan = scan_from_local[scan].inverse();
-        placement.world_from_scan = match placement.step == *step {
+        placement.world_from_scan = match frame.kept {
             // Exactly, not up to rounding.
-            true => RigidMotion::identity(),
-            false => world * placement.world_from_scan * local_from_scan,
+            Some((kept, pose)) if kept == scan => pose,
+            _ => world * placement.world_from_scan * local_from_scan,
         };
         if let (Some(parent), Some(evidence)) = (placement.parent, placement.evidence.as_mut()) {
             let joined = evidence.parent_from_scan.as_mut();
@@ -114,7 +110,11 @@ mod tests {
             })
         };
         let outcomes = vec![placed(0, RigidMotion::identity()), placed(1, local_from_other)];
-        let found = reconstruction(Reconstruction { outcomes }, &scan_from_local);
+        let found = reconstruction(
+            Reconstruction { outcomes },
+            &scan_from_local,
+            &StatedFrames::of_pivots(&scan_from_local),
+        );
         let of = |scan: usize| found.outcomes[scan].placement().unwrap();
         let uncertainty = |scan: usize| of(scan).pose_uncertainty.as_deref().unwrap();
         // (x, y, z) → (10 − y, x, z) and (x, −z, 5e5 + y).

@@ -4,6 +4,7 @@ pub use super::agglomerative::config::AgglomerativeConfig;
 pub use super::incremental::config::{AveragingConfig, IncrementalConfig, MergeRule, Ordering};
 pub use super::multiview_icp::config::{FineRefinementConfig, MultiviewIcpConfig};
 pub use super::pairwise::config::{EstimatorConfig, RansacConfig, SpatialCompatibilityConfig};
+pub use super::prior_config::{Axis, PriorConfig};
 pub use super::verification::config::{
     EvidenceWeights, InlierCountConfig, SurfaceVerification, VerificationConfig,
 };
@@ -43,6 +44,8 @@ impl std::fmt::Display for Strategy {
 pub struct RegistrationConfig {
     /// How scans are put together.
     pub strategy: Strategy,
+    /// What is known of poses before.
+    pub prior: PriorConfig,
     /// The robust estimator of a pair.
     pub estimator: EstimatorConfig,
     /// What it takes to be placed.
@@ -73,10 +76,19 @@ impl RegistrationConfig {
     /// # Errors
     /// [`Error::Setting`] naming the key.
     pub fn validate(&self) -> Result<()> {
+        self.prior.validate()?;
         self.estimator.validate()?;
         self.verification.validate()?;
         self.multiview_icp.validate()?;
         self.fine_refinement.validate()?;
+        if self.prior.is_in_use() && self.agglomerative().is_none() {
+            return Err(Error::setting(
+                "registration.prior",
+                "a prior, with registration.strategy.kind = \"incremental\"",
+                "the strategy \"agglomerative\", which weighs it",
+                "choose that strategy, or leave out what is known of poses",
+            ));
+        }
         let surfaces = self.verification.surfaces().is_some();
         match &self.strategy {
             Strategy::Agglomerative(_) if !surfaces => {

@@ -1,5 +1,6 @@
 //! What a registration is given.
 
+use super::prior::PosePrior;
 use crate::error::{Error, Result};
 use crate::scan::{Features, ScanId, SimilarityMatrix, Surface};
 
@@ -13,6 +14,15 @@ pub struct ScanInput<'a> {
     pub features: &'a Features,
     /// The thinned surface with normals, for evidence and multiview ICP.
     pub surface: &'a Surface,
+    /// What is known of its pose before.
+    pub prior: PosePrior,
+}
+
+impl<'a> ScanInput<'a> {
+    /// A scan of whose pose nothing is known.
+    pub fn new(features: &'a Features, surface: &'a Surface) -> Self {
+        Self { features, surface, prior: PosePrior::default() }
+    }
 }
 
 /// The lengths that the registration works with.

@@ -5,7 +5,7 @@ use crate::geometry::rigid::PointMover;
 use crate::geometry::voxel::{VoxelGroups, voxel_of};
 use crate::geometry::{Point, RigidMotion};
 use crate::io::read_merged;
-use crate::scan::assemble::assemble;
+use crate::scan::assemble::{assemble, choose_origin};
 use crate::scan::{Placement, PointCloud, Reconstruction, Scan};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
@@ -13,6 +13,8 @@ use std::path::Path;
 
 /// Colour of points whose scan has none, where other scans do.
 const NO_COLOR: [u8; 3] = [128; 3];
+/// Points of a scan that tell where the model lies.
+const SAMPLE: usize = 100;
 /// Points that are thinned at a time.
 const SLAB: usize = 4_000_000;
 
@@ -53,9 +55,14 @@ impl MergedCloud {
                 Some((scan, outcome.placement().filter(|p| p.component == component)?))
             })
             .collect();
-        // The frame of the component is that of its pivot's file, and as far away.
-        let pivot = members.iter().min_by_key(|(_, placement)| placement.step);
-        let origin_m = pivot.map_or_else(Vector3::zeros, |(scan, _)| scan.cloud.origin_m);
+        // Georeferenced models lie as far from zero as the scans that they are made of.
+        let some = members.iter().flat_map(|(scan, placement)| {
+            let world_from_points = placement.world_from_scan * scan.cloud.file_from_points();
+            let points = scan.cloud.points.iter().step_by(scan.cloud.len().div_ceil(SAMPLE).max(1));
+            points.map(move |p| (world_from_points * p.cast::<f64>()).coords.into())
+        });
+        let some: Vec<[f64; 3]> = some.collect();
+        let origin_m = choose_origin(some.len(), &|i| some[i]);
         let near = RigidMotion::translation(-origin_m.x, -origin_m.y, -origin_m.z);
         let mover = |(scan, placement): (&'_ Scan, &Placement)| {
             PointMover::new(&(near * placement.world_from_scan * scan.cloud.file_from_points()))

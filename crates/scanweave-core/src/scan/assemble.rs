@@ -75,7 +75,7 @@ pub(crate) const NO_COLORS: Option<fn(usize) -> [u8; 3]> = None;
 /// that median rounded to a power of ten, so that it reads well in a report.
 ///
 /// The median, not the first row or the mean: one wild row must not move the cloud.
-fn choose_origin(rows: usize, xyz_m: &impl Fn(usize) -> [f64; 3]) -> Vector3<f64> {
+pub(crate) fn choose_origin(rows: usize, xyz_m: &impl Fn(usize) -> [f64; 3]) -> Vector3<f64> {
     let step = rows.div_ceil(ORIGIN_SAMPLES).max(1);
     let sample: Vec<[f64; 3]> =
         (0..rows).step_by(step).map(xyz_m).filter(|p| p.iter().all(|c| c.is_finite())).collect();

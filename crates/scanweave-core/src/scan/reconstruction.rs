@@ -42,12 +42,20 @@ pub struct Evidence {
     /// information matrix, 0 where some motion is free.
     #[serde(default)]
     pub localizability: f64,
+    /// By how much what was known before (rough poses, which way is up) lowers the log odds, 0 where it
+    /// agrees or nothing was known.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub prior_penalty: f64,
     /// Probability that the pose is right; `None` where it was not measured.
     pub probability: Option<f64>,
     /// The pose relative to the parent when the scan joined, before any later refinement; `None`
     /// until it joins.
     #[serde(default)]
     pub parent_from_scan: Option<RigidMotion>,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// How firmly a placed scan is held in its component.

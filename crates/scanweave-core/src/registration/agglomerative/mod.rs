@@ -6,7 +6,7 @@
 //! grown and more scans speak for it or against it.
 //!
 //! ```text
-//! 1  register every scan with the scans most similar to it; score the hypotheses of every pair
+//! 1  register every scan with the scans most similar to it, and those that rough poses put beside it; score the hypotheses of every pair
 //! 2  find out from the surest pairs how far each viewpoint is reliable, and from what wrong hypotheses
 //!    look like how much places resemble each other; score again
 //! 3  every usable scan is a component
@@ -38,6 +38,7 @@ pub use final_evidence::Finished;
 
 use super::config::{AgglomerativeConfig, RegistrationConfig, SurfaceVerification};
 use super::input::{Lengths, MIN_KEYPOINTS, ScanInput};
+use super::prior;
 use super::scan_model::ScanModel;
 use super::usability;
 use super::verification::verifier::Verifier;
@@ -66,9 +67,13 @@ pub(super) fn register(
     let radius_m = lengths.inlier_radius_m;
     let mut models: Vec<ScanModel<'_>> =
         scans.par_iter().map(|s| ScanModel::new(s.surface, radius_m as f32, config)).collect();
+    models.iter_mut().zip(scans).for_each(|(model, scan)| model.prior = scan.prior);
     // 1, 2
     let scorer = PairScorer::new(scans, &config.estimator, seed);
-    let retrieved = most_similar_pairs(similarity, &usable, settings.neighbours);
+    let mut retrieved = most_similar_pairs(similarity, &usable, settings.neighbours);
+    retrieved.extend(prior::near_pairs(scans, &usable, settings.neighbours));
+    retrieved.sort_unstable();
+    retrieved.dedup();
     let ScoredPairs { pairs, aliasing } =
         score_pairs(&scorer, &retrieved, &mut models, verification, radius_m, monitor)?;
     let verifier = Verifier { aliasing, ..Verifier::new(&models, verification, radius_m) };

@@ -10,6 +10,7 @@ use crate::registration::input::{ContentDigest, ScanInput};
 use crate::registration::pairwise::correspondences::Correspondences;
 use crate::registration::pairwise::matching::MatchTarget;
 use crate::registration::pairwise::registrar::{PairHypotheses, PairRegistrar};
+use crate::registration::prior;
 use crate::registration::scan_model::ScanModel;
 use crate::registration::verification::probability::{self, SurePair};
 use crate::registration::verification::surface_fit::{Posed, violation};
@@ -169,7 +170,11 @@ impl<'a> PairScorer<'a> {
             PairRegistrar { config: self.estimator, radius_m: verifier.radius_m, seed: self.seed };
         let PairHypotheses { matches, hypotheses: proposals } =
             registrar.register(&MatchTarget::of_scan(target), source, &contents);
-        let motions: Vec<_> = proposals.into_iter().map(|p| p.target_from_source).collect();
+        // What rough poses allow has few outliers, and may hold a motion that is lost among all matches.
+        let [prior_i, prior_j] = [i, j].map(|s| &verifier.models[s.0].prior);
+        let allowed = prior::allowed(prior_i, prior_j, &matches, verifier.radius_m);
+        let guided = allowed.map(|allowed| registrar.hypotheses(&allowed, &contents)).unwrap_or_default();
+        let motions: Vec<_> = proposals.into_iter().chain(guided).map(|p| p.target_from_source).collect();
         let alone =
             |s: ScanId| [Posed { model: &verifier.models[s.0], group_from_scan: RigidMotion::identity() }];
         let correspondences = Correspondences::new(&matches.source, &matches.target);

@@ -10,6 +10,7 @@ use crate::geometry::nearest_map::{NO_POINT, NearestMap};
 use crate::geometry::rigid::PointMover;
 use crate::geometry::{Direction, MIN_NORMAL_COSINE, Point, RigidMotion};
 use crate::registration::config::RegistrationConfig;
+use crate::registration::prior::PosePrior;
 use crate::scan::Surface;
 use std::sync::OnceLock;
 
@@ -32,6 +33,8 @@ pub struct ScanModel<'a> {
     pub free_space: FreeSpace,
     /// Viewpoint reliability: how far what it saw to be empty counts, in `[0, 1]`.
     pub viewpoint_reliability: f64,
+    /// What is known of its pose before.
+    pub prior: PosePrior,
     /// What is near, for radii up to τ.
     fine: NearestMap,
     /// What is near for larger radii; made when first asked for.
@@ -72,6 +75,7 @@ impl<'a> ScanModel<'a> {
             reach_m,
             free_space: FreeSpace::new(surface),
             viewpoint_reliability: UNKNOWN_RELIABILITY * f64::from(surface.viewpoint_confidence),
+            prior: PosePrior::default(),
             fine: NearestMap::new(&surface.points, radius_m),
             coarse: OnceLock::new(),
             widest_m,

@@ -5,6 +5,7 @@ use crate::geometry::fit::fit_rigid;
 use crate::geometry::rigid::same_motion;
 use crate::registration::config::SurfaceVerification;
 use crate::registration::pairwise::correspondences::Correspondences;
+use crate::registration::prior;
 use crate::registration::scan_model::ScanModel;
 use crate::registration::verification::alignment::align;
 use crate::registration::verification::probability::{self, UNDECIDED};
@@ -250,7 +251,7 @@ impl<'a> Verifier<'a> {
         }
         let p = probability::probability(evidence, self.settings);
         let p = probability::with_scan_count_prior(p, self.models.len());
-        let p = probability::with_aliasing(p, self.aliasing);
+        let p = probability::with_aliasing(p, self.aliasing + evidence.prior_penalty);
         let limited = probability::exceeds_free_space_limit(evidence, self.settings);
         if limited { p.min(UNDECIDED) } else { p }
     }
@@ -279,6 +280,7 @@ impl<'a> Verifier<'a> {
             fit.free_space_violation = (fit.free_space_violation - within).max(0.0);
         }
         let mut evidence = self.evidence_of(&fit, a_from_b, matches, agreeing);
+        evidence.prior_penalty = prior::penalty(a, b, a_from_b);
         let alone = a.len() + b.len() <= 2;
         let p = if alone { self.probability_of_pair(&evidence) } else { self.probability(&evidence) };
         evidence.probability = Some(p);
