@@ -20,7 +20,24 @@ pub fn write(path: &Path, content: impl FnOnce(&mut Sink<'_>) -> io::Result<()>)
     write_inner(path, content).map_err(|source| Error::write(path, source))
 }
 
+/// [`write`](fn@write) for formats that go back to fill in what comes before: the file may be read,
+/// written and sought.
+///
+/// # Errors
+/// As [`write`](fn@write).
+pub fn write_file(path: &Path, content: impl FnOnce(&File) -> io::Result<()>) -> Result<()> {
+    whole_file(path, content).map_err(|source| Error::write(path, source))
+}
+
 fn write_inner(path: &Path, content: impl FnOnce(&mut Sink<'_>) -> io::Result<()>) -> io::Result<()> {
+    whole_file(path, |file| {
+        let mut sink = BufWriter::with_capacity(1 << 16, file);
+        content(&mut sink)?;
+        sink.flush()
+    })
+}
+
+fn whole_file(path: &Path, content: impl FnOnce(&File) -> io::Result<()>) -> io::Result<()> {
     if path.is_dir() {
         return Err(io::Error::new(io::ErrorKind::IsADirectory, "there is a folder of that name"));
     }
@@ -37,10 +54,7 @@ fn write_inner(path: &Path, content: impl FnOnce(&mut Sink<'_>) -> io::Result<()
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     let temporary = builder.tempfile_in(folder)?;
-    let mut sink = BufWriter::with_capacity(1 << 16, temporary.as_file());
-    content(&mut sink)?;
-    sink.flush()?;
-    drop(sink);
+    content(temporary.as_file())?;
     temporary.as_file().sync_all()?;
     temporary.persist(path).map_err(|e| e.error)?;
     // The name itself is durable only once the folder is; where a folder cannot be synced, nothing is lost but that.

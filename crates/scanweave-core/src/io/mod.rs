@@ -28,6 +28,9 @@ mod scans;
 mod text;
 mod text_columns;
 pub mod write_dataset;
+mod write_e57;
+mod write_las;
+mod write_pcd;
 mod write_ply;
 
 pub use crate::atomic;
@@ -38,4 +41,7 @@ pub use overlaps::read_overlaps;
 pub use scan_file::{Note, ReadOptions, ScanFile, StoredScan, unit_m};
 pub use scans::{Inputs, read_inputs, read_scans, unique_names};
 pub use text_columns::TextColumns;
+pub use write_e57::{E57Scan, write_e57};
+pub use write_las::write_las;
+pub use write_pcd::write_pcd;
 pub use write_ply::{PlyCloud, write_ply};

@@ -18,12 +18,14 @@ pub struct PlyCloud<'a> {
     pub normals: Option<&'a [Direction]>,
     /// `[n]` sRGB colours.
     pub colors: Option<&'a [[u8; 3]]>,
+    /// `[n]` strength of the return, in any unit.
+    pub intensities: Option<&'a [f32]>,
     /// `[n]` number of the scan a point comes from.
     pub scans: Option<&'a [i32]>,
 }
 
 /// Writes binary little-endian PLY: `float x y z`, or `double x y z` where the origin is not zero, then,
-/// where given, `float nx ny nz`, `uchar red green blue` and `int scan`.
+/// where given, `float nx ny nz`, `uchar red green blue`, `float intensity` and `int scan`.
 ///
 /// # Errors
 /// [`Error::Input`] when lengths differ, [`Error::Write`].
@@ -32,6 +34,7 @@ pub fn write_ply(path: impl AsRef<Path>, cloud: &PlyCloud<'_>) -> Result<()> {
     let lengths = [
         ("normals", cloud.normals.map(<[_]>::len)),
         ("colours", cloud.colors.map(<[_]>::len)),
+        ("intensities", cloud.intensities.map(<[_]>::len)),
         ("scan numbers", cloud.scans.map(<[_]>::len)),
     ];
     for (what, length) in lengths {
@@ -51,6 +54,9 @@ pub fn write_ply(path: impl AsRef<Path>, cloud: &PlyCloud<'_>) -> Result<()> {
         if cloud.colors.is_some() {
             write!(w, "property uchar red\nproperty uchar green\nproperty uchar blue\n")?;
         }
+        if cloud.intensities.is_some() {
+            writeln!(w, "property float intensity")?;
+        }
         if cloud.scans.is_some() {
             writeln!(w, "property int scan")?;
         }
@@ -68,6 +74,9 @@ pub fn write_ply(path: impl AsRef<Path>, cloud: &PlyCloud<'_>) -> Result<()> {
             }
             if let Some(colors) = cloud.colors {
                 w.write_all(&colors[i])?;
+            }
+            if let Some(intensities) = cloud.intensities {
+                w.write_all(&intensities[i].to_le_bytes())?;
             }
             if let Some(scans) = cloud.scans {
                 w.write_all(&scans[i].to_le_bytes())?;

@@ -4,3 +4,4 @@ pub mod merged;
 pub mod overlaps;
 pub mod poses;
 pub mod run;
+pub mod scans;
