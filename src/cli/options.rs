@@ -117,8 +117,8 @@ impl ReadingOptions {
 #[derive(Debug, Default, Args)]
 #[command(next_help_heading = "What is known of poses")]
 pub struct PriorOptions {
-    /// Rough poses: `own`, those that the files state, or a file of them. A result may contradict them;
-    /// which ones it does is said.
+    /// Rough poses: `own`, those that the files state, or the coordinates of the files as they are where
+    /// they state none; or a file of poses. A result may contradict them; which ones it does is said.
     #[arg(long, value_name = "own|FILE")]
     pub initial_poses: Option<PathBuf>,
     /// How far rough poses may be off: standard deviations of a position along each axis in metres and of
@@ -151,6 +151,19 @@ impl PriorOptions {
             prior.tilt_deviation_deg = LEVEL_DEG;
         }
         config.validate()
+    }
+}
+
+impl PriorOptions {
+    /// Gives the scans their rough poses.
+    pub fn give(&self, scans: &mut [Scan]) -> scanweave::Result<()> {
+        let Some(source) = &self.initial_poses else { return Ok(()) };
+        if source.as_os_str() == "own" {
+            scans.iter_mut().for_each(|scan| {
+                scan.initial_pose.get_or_insert_default();
+            });
+        }
+        Ok(())
     }
 }
 

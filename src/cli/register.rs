@@ -70,8 +70,9 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
     let progress = Progress::start(verbosity)?;
 
     let mut clock = Stopwatch::default();
-    let scans = clock
+    let mut scans = clock
         .time("reading", || arguments.reading.read(&arguments.inputs, &config.input, &progress, verbosity))?;
+    arguments.prior.give(&mut scans)?;
     let given = match &arguments.features {
         Some(place) => Some(clock.time("features", || pipeline::read_features(place, &scans, &progress))?),
         None => None,
