@@ -86,3 +86,28 @@ fn decode_jpeg(bytes: &[u8]) -> Result<ColorImage, String> {
     }
     Ok(ColorImage { width, height, rgb })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scaling_takes_the_pixel_at_the_centre() {
+        let image = ColorImage { width: 3, height: 1, rgb: vec![[0; 3], [1; 3], [2; 3]] };
+        // Centres of 2 pixels on 3: at 0.75 and 2.25 of the length 3.
+        assert_eq!(image.scaled_to(2, 1), [[0; 3], [2; 3]]);
+        // Centres of 6 on 3: 0.25, 0.75, …, 2.75.
+        assert_eq!(image.scaled_to(6, 1), [0u8, 0, 1, 1, 2, 2].map(|v| [v; 3]));
+        assert_eq!(image.scaled_to(3, 2), [0u8, 1, 2, 0, 1, 2].map(|v| [v; 3]));
+    }
+
+    #[test]
+    fn a_jpeg_that_states_more_than_its_bytes_can_hold_is_refused_before_decoding() {
+        // Start of image, a frame of 16000 x 16000 grey pixels, and the start of a scan.
+        let frame = [0xff, 0xc0, 0, 11, 8, 0x3e, 0x80, 0x3e, 0x80, 1, 1, 0x11, 0];
+        let scan = [0xff, 0xda, 0, 8, 1, 1, 0, 0, 63, 0, 0xff, 0xd9];
+        let bytes = [&[0xff, 0xd8][..], &frame, &scan].concat();
+        let error = decode(&bytes).unwrap_err();
+        assert!(error.contains("states 16000x16000 pixels, more than"), "{error}");
+    }
+}
