@@ -71,10 +71,7 @@ pub fn read_file(path: &Path, options: &ReadOptions) -> Result<ScanFile> {
         Format::Npz => npy::read_npz(path, &bytes)?.into(),
         Format::Las => las::read(path)?.into(),
         Format::E57 => e57::read(path)?.into(),
-        Format::DepthPng => {
-            let intrinsics = depth::find_intrinsics(path)?;
-            depth::decode_depth_png(path, &bytes)?.to_cloud(&intrinsics, depth::UNITS_PER_M)?.into()
-        }
+        Format::DepthPng => depth::read(path, &bytes, options)?,
     };
     // Text may say its own unit, and the depth of images has one of its own.
     if let Some(unit_m) = options.unit_m.filter(|_| !matches!(format, Format::Text | Format::DepthPng)) {
@@ -103,7 +100,7 @@ fn format_of(path: &Path, bytes: &[u8]) -> Result<Format> {
     if begins(b"ASTM-E57") {
         return Ok(Format::E57);
     }
-    if begins(b"\x89PNG") {
+    if depth::is_image(bytes) {
         return Ok(Format::DepthPng);
     }
     if looks_like_pcd(bytes) {

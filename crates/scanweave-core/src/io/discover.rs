@@ -1,6 +1,7 @@
 //! From what a user names (files, folders, globs, lists) to scan files in a fixed order.
 
 use super::cloud::FORMATS;
+use super::depth::{depth_images, is_depth};
 use crate::error::{Error, Result};
 use std::collections::{BTreeMap, HashSet};
 use std::fs;
@@ -59,7 +60,7 @@ pub fn discover(inputs: &[String]) -> Result<Vec<PathBuf>> {
 /// An input is
 /// - a file, taken as it is;
 /// - a folder: its `PointCloud/` if it has one (the 3DMatch layout), else its cloud files; NPY, NPZ,
-///   BIN and meshes only if there are no others, then depth PNGs, then those of a subfolder `depth/`.
+///   BIN and meshes only if there are no others, then depth images, then those of a subfolder `depth/`.
 ///   Plain `.txt` is never taken from a folder, since poses and notes have that extension too;
 /// - a glob (`scans/*.ply`), where no file of that very name exists;
 /// - `@list.txt`: a text file of inputs, one a line, relative to its folder; `#` begins a comment.
@@ -224,10 +225,10 @@ fn scan_files_of(folder: &Path) -> Result<(Vec<PathBuf>, Vec<LeftOut>)> {
         scans = pick(is_other);
     }
     if scans.is_empty() {
-        scans = pick(is_depth);
+        scans = depth_images(&files);
     }
     if scans.is_empty() && depth.is_dir() {
-        scans = visible_files(&depth)?.into_iter().filter(|p| is_depth(p)).collect();
+        scans = depth_images(&visible_files(&depth)?);
     }
     if scans.is_empty() {
         let remedy = "name another folder, or name the files themselves (.txt clouds must be named); \
@@ -321,12 +322,6 @@ fn holds(path: &Path, extensions: &[&str]) -> bool {
         true => has_extension(&path.with_extension(""), extensions),
         false => has_extension(path, extensions),
     }
-}
-
-/// A PNG that is not, by its name, the colour image of a frame.
-fn is_depth(path: &Path) -> bool {
-    let stem = path.file_stem().map(|s| s.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-    has_extension(path, &["png"]) && !stem.ends_with("color") && !stem.ends_with("rgb")
 }
 
 /// Sorts so that numbers in names count as numbers. Total, hence the same for every input order.
