@@ -303,15 +303,15 @@ fn visible_files(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-fn has_extension(path: &Path, extensions: &[&str]) -> bool {
+pub(super) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
     path.extension().is_some_and(|e| extensions.iter().any(|x| e.eq_ignore_ascii_case(x)))
 }
 
-fn is_cloud(path: &Path) -> bool {
+pub(super) fn is_cloud(path: &Path) -> bool {
     holds(path, &CLOUD_EXTENSIONS)
 }
 
-fn is_other(path: &Path) -> bool {
+pub(super) fn is_other(path: &Path) -> bool {
     holds(path, &OTHER_EXTENSIONS)
 }
 

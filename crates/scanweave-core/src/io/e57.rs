@@ -1,52 +1,126 @@
 //! E57 (terrestrial laser scans).
 
+use super::scan_file::{Note, ReadOptions, ScanFile, StoredScan};
+use super::scanner::{drop_implausible_viewpoint, drop_poses_that_say_nothing};
 use crate::error::{Error, Result};
-use crate::scan::PointCloud;
-use crate::scan::assemble::{NO_COLORS, assemble};
+use crate::geometry::RigidMotion;
+use crate::scan::assemble::{Attributes, assemble_with};
+use ::e57::{CartesianCoordinate, E57Reader, RecordDataType};
+use nalgebra::{Quaternion, Translation3, UnitQuaternion};
+use std::io::{Read, Seek};
 use std::path::Path;
 
-/// Reads all scans of an E57 file, each moved by its own pose into the file's frame.
+/// Reads every scan of an E57 file in its own coordinates, with the pose that the file states for it.
 ///
-/// The viewpoint is known where the file holds a single scan.
-pub(super) fn read(path: &Path) -> Result<PointCloud> {
-    let damaged = |e: ::e57::Error| {
-        let found = format!("an E57 file that cannot be decoded ({e})");
-        Error::file(
-            path,
-            found,
-            "E57 1.0 with cartesian or spherical coordinates",
-            "copy or export the file again",
-        )
-    };
-    let mut reader = ::e57::E57Reader::from_file(path).map_err(damaged)?;
-    let scans = reader.pointclouds();
-    let mut xyz: Vec<[f64; 3]> = Vec::new();
-    let mut colors: Vec<[u8; 3]> = Vec::new();
-    for scan in &scans {
-        let mut points = reader.pointcloud_simple(scan).map_err(damaged)?;
-        points.apply_pose(true);
-        for point in points {
-            let point = point.map_err(damaged)?;
-            xyz.push(match point.cartesian {
-                ::e57::CartesianCoordinate::Valid { x, y, z } => [x, y, z],
-                // No return in that direction: dropped and counted with the non-finite rows.
-                _ => [f64::NAN; 3],
-            });
-            // Normalised to [0, 1] by the reader.
-            let byte = |v: f32| (v * 255.0).round() as u8;
-            colors.push(point.color.map_or([0; 3], |c| [byte(c.red), byte(c.green), byte(c.blue)]));
-        }
+/// The standard puts the sensor at the zero of a scan, which is the viewpoint where the scan has a pose or
+/// spherical coordinates. Many exports have points in the coordinates of the file all the same: a zero far
+/// from the points is no viewpoint. Points that are marked as invalid are dropped and counted.
+///
+/// # Errors
+/// [`Error::File`] for a damaged file, and for one without a scan.
+pub(super) fn read(path: &Path, file: impl Read + Seek, options: &ReadOptions) -> Result<ScanFile> {
+    let mut reader = E57Reader::new(file).map_err(|e| damaged(path, &e))?;
+    let stored = reader.pointclouds();
+    if stored.is_empty() {
+        let remedy = "export it with its point clouds";
+        return Err(Error::file(path, "an E57 file without a scan", "at least one scan", remedy));
     }
-    let viewpoint = match &scans[..] {
-        [scan] => scan.transform.as_ref().map(|t| [t.translation.x, t.translation.y, t.translation.z]),
-        _ => None,
+    let mut read = ScanFile::default();
+    let (mut strange_pose, mut far) = (false, false);
+    for (index, scan) in stored.iter().enumerate() {
+        check(path, index, scan)?;
+        let mut cloud = points(path, &mut reader, scan, options)?;
+        far |= drop_implausible_viewpoint(&mut cloud);
+        let pose = scan.transform.as_ref().map(motion);
+        strange_pose |= matches!(pose, Some(None));
+        read.scans.push(StoredScan { cloud, pose: pose.flatten() });
+    }
+    drop_poses_that_say_nothing(&mut read.scans);
+    if strange_pose {
+        read.notes.push(Note::warning("a scan states a pose that is no rigid motion; it is not used"));
+    }
+    if far {
+        let text = "the zero of a scan, where its sensor should have stood, is far from its points; \
+                    the place of the sensor is taken as unknown";
+        read.notes.push(Note::warning(text));
+    }
+    Ok(read)
+}
+
+fn damaged(path: &Path, why: &dyn std::fmt::Display) -> Error {
+    let found = format!("an E57 file that cannot be decoded ({why})");
+    let expected = "E57 1.0 with cartesian or spherical coordinates";
+    Error::file(path, found, expected, "copy or export the file again")
+}
+
+/// Refuses a scan without coordinates, and one whose decoder would not end.
+fn check(path: &Path, index: usize, scan: &::e57::PointCloud) -> Result<()> {
+    if !(scan.has_cartesian() || scan.has_spherical()) {
+        return Err(damaged(path, &format!("scan {} has no coordinates", index + 1)));
+    }
+    // A value that never changes takes no bytes. Where none does, nothing but the header says how many
+    // points there are, and the decoder makes as many values as memory holds.
+    let constant = |data_type: &RecordDataType| match data_type {
+        RecordDataType::Integer { min, max } | RecordDataType::ScaledInteger { min, max, .. } => min == max,
+        RecordDataType::Single { .. } | RecordDataType::Double { .. } => false,
     };
-    let at = |i: usize| xyz[i];
-    Ok(if scans.iter().any(|s| s.has_color()) {
-        assemble(xyz.len(), at, Some(|i: usize| colors[i]), viewpoint)
-    } else {
-        assemble(xyz.len(), at, NO_COLORS, viewpoint)
-    })
+    if scan.records > 0 && scan.prototype.iter().all(|record| constant(&record.data_type)) {
+        return Err(damaged(path, &format!("scan {} has points at one place only", index + 1)));
+    }
+    Ok(())
+}
+
+/// `world_from_scan` of a pose; `None` where its numbers are none.
+fn motion(pose: &::e57::Transform) -> Option<RigidMotion> {
+    let ::e57::Transform { rotation: q, translation: t } = pose;
+    let rotation = UnitQuaternion::try_new(Quaternion::new(q.w, q.x, q.y, q.z), 1e-6)?;
+    let motion = RigidMotion::from_parts(Translation3::new(t.x, t.y, t.z), rotation);
+    motion.to_homogeneous().iter().all(|v| v.is_finite()).then_some(motion)
+}
+
+fn points<R: Read + Seek>(
+    path: &Path,
+    reader: &mut E57Reader<R>,
+    scan: &::e57::PointCloud,
+    options: &ReadOptions,
+) -> Result<crate::scan::PointCloud> {
+    let mut points = reader.pointcloud_simple(scan).map_err(|e| damaged(path, &e))?;
+    points.apply_pose(false);
+    points.intensity_to_color(false);
+    points.normalize_intensity(false);
+    let mut xyz: Vec<[f64; 3]> = Vec::new();
+    let mut colors = scan.has_color().then(Vec::new);
+    let mut intensities = (options.attributes && scan.has_intensity()).then(Vec::new);
+    let mut invalid = 0;
+    for point in points {
+        let point = match point {
+            // A packet without a whole point, such as one of an index. The next call reads the next packet.
+            Err(::e57::Error::Internal { .. }) => continue,
+            point => point.map_err(|e| damaged(path, &e))?,
+        };
+        let CartesianCoordinate::Valid { x, y, z } = point.cartesian else {
+            // No return in that direction.
+            invalid += 1;
+            continue;
+        };
+        xyz.push([x, y, z]);
+        // Normalised to [0, 1] by the reader.
+        let byte = |v: f32| (v * 255.0).round() as u8;
+        let color = point.color.map_or([0; 3], |c| [byte(c.red), byte(c.green), byte(c.blue)]);
+        colors.iter_mut().for_each(|all| all.push(color));
+        intensities.iter_mut().for_each(|all| all.push(point.intensity.unwrap_or(0.0)));
+    }
+    let rgb = colors.as_ref().map(|all| |i: usize| all[i]);
+    let intensity = intensities.as_ref().map(|all| |i: usize| all[i]);
+    let attributes = Attributes {
+        rgb: rgb.as_ref().map(|rgb| rgb as &dyn Fn(usize) -> [u8; 3]),
+        intensity: intensity.as_ref().map(|intensity| intensity as &dyn Fn(usize) -> f32),
+        ..Attributes::default()
+    };
+    let viewpoint = (scan.transform.is_some() || scan.has_spherical()).then_some([0.0; 3]);
+    let mut cloud = assemble_with(xyz.len(), |i| xyz[i], &attributes, viewpoint);
+    cloud.dropped_rows += invalid;
+    Ok(cloud)
 }
 
 #[cfg(test)]
