@@ -83,23 +83,29 @@ fn only_scan(path: &Path, names: &[String]) -> Result<String> {
     match (names, &scans[..]) {
         ([only], _) => Ok(only.clone()),
         (_, [only]) => Ok((*only).clone()),
-        _ => {
-            let listed: Vec<&str> = match scans.is_empty() {
-                true => names.iter().take(5).map(String::as_str).collect(),
-                false => scans.iter().take(5).map(|name| name.as_str()).collect(),
-            };
-            let more = if names.len().max(scans.len()) > listed.len() { ", …" } else { "" };
-            let held = match (names.is_empty(), scans.is_empty()) {
-                (true, _) => "an archive without a file".to_owned(),
-                (_, true) => {
-                    format!("an archive of {} ({}{more})", counted(names.len(), "file"), listed.join(", "))
-                }
-                _ => format!("an archive of {} ({}{more})", counted(scans.len(), "scan"), listed.join(", ")),
-            };
+        (_, []) => {
+            let found = format!("an archive of {}", listed("file", names));
+            Err(Error::not_a_scan(
+                path,
+                found,
+                "an archive of one scan",
+                "unpack it and name the scan itself",
+            ))
+        }
+        (_, several) => {
+            let found = format!("an archive of {}", listed("scan", several));
             let remedy = "unpack it into a folder and name the folder";
-            Err(Error::file(path, held.escape_debug().to_string(), "an archive of one scan", remedy))
+            Err(Error::file(path, found, "an archive of one scan", remedy))
         }
     }
+}
+
+/// The number of files and the first names: "3 scans (a.ply, b.ply, …)".
+fn listed(unit: &str, names: &[impl AsRef<str>]) -> String {
+    const SHOWN: usize = 5;
+    let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();
+    let more = if names.len() > SHOWN { ", …" } else { "" };
+    format!("{} ({}{more})", counted(names.len(), unit), shown.join(", ").escape_debug())
 }
 
 /// All bytes of `content`, which may be at most `limit`. The format is looked at before the rest is
