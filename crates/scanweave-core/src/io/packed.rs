@@ -25,9 +25,14 @@ pub(super) struct Unpacked {
     pub bytes: Vec<u8>,
 }
 
-/// Most bytes that so many packed ones are taken to hold.
-pub(super) fn limit_bytes(packed: u64) -> u64 {
-    packed.saturating_mul(LIMIT_RATIO).saturating_add(LIMIT_FLOOR_BYTES).min(LIMIT_BYTES)
+/// Most bytes that so many packed ones are unpacked to.
+fn limit_bytes(packed: u64) -> u64 {
+    most_bytes(packed).min(LIMIT_BYTES)
+}
+
+/// Most bytes that so many packed ones are taken to stand for, where they need not be held at once.
+pub(super) fn most_bytes(packed: u64) -> u64 {
+    packed.saturating_mul(LIMIT_RATIO).saturating_add(LIMIT_FLOOR_BYTES)
 }
 
 /// Unpacks a gzip file; its content is named as the file is, without `.gz`.
@@ -145,3 +150,6 @@ pub(super) fn packed_twice(path: &Path, name: &Path) -> Error {
     let found = format!("a packed file in it ('{}')", name.display().to_string().escape_debug());
     Error::file(path, found, "one scan, packed once", "unpack it and name the scan itself")
 }
+
+#[cfg(test)]
+mod tests;

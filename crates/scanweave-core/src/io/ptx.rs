@@ -214,3 +214,6 @@ fn rows(
     cloud.dropped_rows += header.total - xyz.len();
     Ok(cloud)
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,7 +1,7 @@
 //! What files of terrestrial scanners share: a sensor at the zero of its scan, and a pose of every scan.
 
 use super::scan_file::StoredScan;
-use crate::geometry::{Point, RigidMotion};
+use crate::geometry::RigidMotion;
 use crate::scan::PointCloud;
 
 /// Points looked at to see where a scan lies.
@@ -44,6 +44,7 @@ pub(super) fn drop_poses_that_say_nothing(scans: &mut [StoredScan]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Point;
 
     #[test]
     fn a_viewpoint_far_from_the_points_is_forgotten() {

@@ -210,7 +210,7 @@ mod tests {
         assert_eq!(names(&["f/a.ply.gz", "f/b.xyz.zip", "f/c.v2.zip"]), ["a", "b", "c.v2"]);
         // No scan is packed in a.ply; the point belongs to its name.
         assert_eq!(names(&["f/a.ply.ply", "f/b.txt.gz"]), ["a.ply", "b"]);
-        assert_eq!(names(&["f/a.ply.gz", "f/a.ply", "f/a.pcd.gz"]), ["a.ply.gz", "a.ply", "a.pcd.gz"]);
-        assert_eq!(names(&["f/a.ply.gz", "g/a.ply.gz"]), ["f/a", "g/a"]);
+        assert_eq!(names(&["f/a.ply.gz", "f/a.ply", "f/a.pcd.gz"]), ["f/a.ply.gz", "f/a.ply", "f/a.pcd.gz"]);
+        assert_eq!(names(&["d/f/a.ply.gz", "d/g/a.ply.gz"]), ["f/a", "g/a"]);
     }
 }
