@@ -59,8 +59,9 @@ pub fn discover(inputs: &[String]) -> Result<Vec<PathBuf>> {
 ///
 /// An input is
 /// - a file, taken as it is;
-/// - a folder: its `PointCloud/` if it has one (the 3DMatch layout), else its cloud files; NPY, NPZ,
-///   BIN and meshes only if there are no others, then depth images, then those of a subfolder `depth/`.
+/// - a folder: its `PointCloud/` if it has one (the 3DMatch layout), else its cloud files, packed
+///   (`scan.ply.gz`) or not; NPY, NPZ, BIN, meshes and archives of another name only if there are no
+///   others, then depth images, then those of a subfolder `depth/`.
 ///   Plain `.txt` is never taken from a folder, since poses and notes have that extension too;
 /// - a glob (`scans/*.ply`), where no file of that very name exists;
 /// - `@list.txt`: a text file of inputs, one a line, relative to its folder; `#` begins a comment.
@@ -190,9 +191,7 @@ fn expand(pattern: &Path, base: &Path, input: &str) -> Result<Vec<PathBuf>> {
     })?;
     let files = matches.map(|m| m.map_err(|e| Error::read(e.path(), std::io::Error::from(e.error().kind()))));
     let files: Vec<PathBuf> = files.collect::<Result<_>>()?;
-    let wanted = |p: &PathBuf| {
-        p.is_file() && (is_cloud(p) || is_other(p) || is_depth(p) || has_extension(p, &["txt"]))
-    };
+    let wanted = |p: &PathBuf| p.is_file() && (is_scan(p) || is_depth(p));
     Ok(files.into_iter().filter(wanted).collect())
 }
 
@@ -236,8 +235,22 @@ fn scan_files_of(folder: &Path) -> Result<(Vec<PathBuf>, Vec<LeftOut>)> {
         let expected = format!("scans: {FORMATS}");
         return Err(Error::input(place.display().to_string(), what_else(&files), expected, remedy));
     }
+    left_out.extend(passed_over(&files, &scans));
     sort_naturally(&mut scans);
     Ok((scans, left_out))
+}
+
+/// Files of a folder that may well be scans and are not among those taken. NPY, NPZ and meshes are not
+/// named: features and copies of the scans may lie there by hundreds.
+fn passed_over(files: &[PathBuf], taken: &[PathBuf]) -> Vec<LeftOut> {
+    let taken: HashSet<&PathBuf> = taken.iter().collect();
+    let maybe = |p: &&PathBuf| (is_packed(p) || has_extension(p, &["bin"])) && !taken.contains(p);
+    let why = |p: &Path| match is_other(p) {
+        true => "a file that is taken only where its folder has no scan of a format that holds nothing else",
+        false => "a packed file whose name is not that of a scan",
+    };
+    let left_out = |p: &PathBuf| LeftOut { path: p.clone(), why: why(p).to_owned(), unreadable: false };
+    files.iter().filter(maybe).map(left_out).collect()
 }
 
 /// What a folder without a scan holds, by extension.
@@ -304,21 +317,33 @@ fn visible_files(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-fn has_extension(path: &Path, extensions: &[&str]) -> bool {
+pub(super) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
     path.extension().is_some_and(|e| extensions.iter().any(|x| e.eq_ignore_ascii_case(x)))
 }
 
-fn is_cloud(path: &Path) -> bool {
+pub(super) fn is_cloud(path: &Path) -> bool {
     holds(path, &CLOUD_EXTENSIONS)
 }
 
-fn is_other(path: &Path) -> bool {
-    holds(path, &OTHER_EXTENSIONS)
+pub(super) fn is_other(path: &Path) -> bool {
+    // What is in an archive of another name is seen when it is read.
+    let archive = has_extension(path, &["zip"]) && path.with_extension("").extension().is_none();
+    archive || holds(path, &OTHER_EXTENSIONS)
+}
+
+/// Whether a file is packed, by its extension.
+pub(super) fn is_packed(path: &Path) -> bool {
+    has_extension(path, &PACKED_EXTENSIONS)
+}
+
+/// Whether a file is a scan by its extension, where it was named itself.
+pub(super) fn is_scan(path: &Path) -> bool {
+    is_cloud(path) || is_other(path) || holds(path, &["txt"])
 }
 
 /// Whether a file, packed or not, has one of these extensions.
 fn holds(path: &Path, extensions: &[&str]) -> bool {
-    match has_extension(path, &PACKED_EXTENSIONS) {
+    match is_packed(path) {
         true => has_extension(&path.with_extension(""), extensions),
         false => has_extension(path, extensions),
     }
@@ -353,4 +378,36 @@ fn natural_key(path: &Path) -> Vec<Vec<Part>> {
             .collect()
     };
     path.components().map(component).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(files: &[&str]) -> (Vec<String>, Vec<String>) {
+        let folder = tempfile::tempdir().unwrap();
+        files.iter().for_each(|name| fs::write(folder.path().join(name), "x").unwrap());
+        let name = |p: &Path| p.file_name().unwrap().to_string_lossy().into_owned();
+        let found = discover_with(&[folder.path().to_string_lossy().into_owned()], false).unwrap();
+        let mut left_out: Vec<String> = found.left_out.iter().map(|l| name(&l.path)).collect();
+        left_out.sort();
+        (found.files.iter().map(|f| name(&f.path)).collect(), left_out)
+    }
+
+    #[test]
+    fn files_of_scanners_and_packed_scans_are_found_in_a_folder() {
+        let files =
+            ["a.ptx", "b.ply.gz", "c.xyz.zip", "d.e57", "f.LAZ", "e.laz", "notes.txt", "notes.txt.gz"];
+        let (taken, left_out) = found(&files);
+        assert_eq!(taken, ["a.ptx", "b.ply.gz", "c.xyz.zip", "d.e57", "e.laz", "f.LAZ"]);
+        assert_eq!(left_out, ["notes.txt.gz"]);
+    }
+
+    #[test]
+    fn what_may_be_anything_is_taken_where_there_is_nothing_else() {
+        assert_eq!(found(&["a.bin", "b.bin.gz", "c.zip"]).0, ["a.bin", "b.bin.gz", "c.zip"]);
+        let (taken, left_out) = found(&["a.bin", "b.ply", "c.zip", "d.npy"]);
+        assert_eq!(taken, ["b.ply"]);
+        assert_eq!(left_out, ["a.bin", "c.zip"]);
+    }
 }

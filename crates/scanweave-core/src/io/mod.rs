@@ -4,6 +4,7 @@
 //! files, [`read_scans`] reads many; everything that is written goes through
 //! [`atomic::write`].
 
+mod bin;
 mod cloud;
 mod colors;
 pub mod dataset;
@@ -16,14 +17,17 @@ mod lzf;
 mod merged;
 mod npy;
 mod overlaps;
+mod packed;
 pub mod pairs;
 mod pcd;
 mod pcd_header;
 mod ply;
 mod ply_header;
 pub mod poses;
+mod ptx;
 mod scalar;
 mod scan_file;
+mod scanner;
 mod scans;
 mod text;
 mod text_columns;

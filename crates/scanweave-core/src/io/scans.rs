@@ -1,6 +1,6 @@
 //! Many scans at once: in parallel, in order, with unique names.
 
-use super::discover::{Discovered, FoundFile, LeftOut};
+use super::discover::{self, Discovered, FoundFile, LeftOut};
 use super::read_file;
 use super::scalar::counted;
 use super::scan_file::{Note, ReadOptions, ScanFile};
@@ -160,7 +160,10 @@ pub fn unique_names(paths: &[PathBuf]) -> Vec<String> {
         .zip(&depth)
         .map(|(p, &d)| {
             let full = name(p, d);
-            p.extension().map_or(full.clone(), |e| format!("{full}.{}", e.to_string_lossy()))
+            let (whole, stem) = (p.to_string_lossy(), without_extensions(p));
+            // What was taken off: ".ply", or ".ply.gz".
+            let extensions = whole.strip_prefix(&*stem.to_string_lossy()).unwrap_or("");
+            format!("{full}{extensions}")
         })
         .collect();
     if occurrences(&names).values().all(|&n| n == 1) {
@@ -179,14 +182,35 @@ fn occurrences(names: &[String]) -> HashMap<String, usize> {
     })
 }
 
-/// The last `depth` parts of a path, without its extension; characters that would upset a
+/// A path without its extension, and without that of the scan in a packed file.
+fn without_extensions(path: &Path) -> PathBuf {
+    let stem = path.with_extension("");
+    if discover::is_packed(path) && discover::is_scan(&stem) { stem.with_extension("") } else { stem }
+}
+
+/// The last `depth` parts of a path, without its extensions; characters that would upset a
 /// terminal or a table are replaced.
 fn name(path: &Path, depth: usize) -> String {
-    let stem = path.with_extension("");
+    let stem = without_extensions(path);
     let parts: Vec<String> = stem
         .components()
         .filter(|c| matches!(c, std::path::Component::Normal(_)))
         .map(|c| c.as_os_str().to_string_lossy().replace(char::is_control, "\u{fffd}"))
         .collect();
     parts[parts.len().saturating_sub(depth)..].join("/")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn packed_scans_are_named_as_the_scans_in_them() {
+        let names = |paths: &[&str]| unique_names(&paths.iter().map(PathBuf::from).collect::<Vec<_>>());
+        assert_eq!(names(&["f/a.ply.gz", "f/b.xyz.zip", "f/c.v2.zip"]), ["a", "b", "c.v2"]);
+        // No scan is packed in a.ply; the point belongs to its name.
+        assert_eq!(names(&["f/a.ply.ply", "f/b.txt.gz"]), ["a.ply", "b"]);
+        assert_eq!(names(&["f/a.ply.gz", "f/a.ply", "f/a.pcd.gz"]), ["f/a.ply.gz", "f/a.ply", "f/a.pcd.gz"]);
+        assert_eq!(names(&["d/f/a.ply.gz", "d/g/a.ply.gz"]), ["f/a", "g/a"]);
+    }
 }
