@@ -66,7 +66,7 @@ pub fn read_file(path: &Path, options: &ReadOptions) -> Result<ScanFile> {
     let mut file: ScanFile = match format {
         Format::Ply => ply::read(path, &bytes)?.into(),
         Format::Pcd => pcd::read(path, &bytes)?.into(),
-        Format::Text => text::read(path, &bytes)?.into(),
+        Format::Text => text::read(path, &bytes, options)?,
         Format::Npy => npy::read_npy(path, &bytes)?.into(),
         Format::Npz => npy::read_npz(path, &bytes)?.into(),
         Format::Las => las::read(path)?.into(),
@@ -112,7 +112,7 @@ fn format_of(path: &Path, bytes: &[u8]) -> Result<Format> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let is_text = matches!(extension.as_str(), "xyz" | "pts" | "txt" | "asc" | "csv" | "xyzrgb" | "xyzn");
     let head = &bytes[..bytes.len().min(512)];
-    if is_text && !head.contains(&0) {
+    if is_text && (!head.contains(&0) || text::is_utf16(bytes)) {
         return Ok(Format::Text);
     }
     let start: String = String::from_utf8_lossy(&head[..head.len().min(12)]).escape_debug().collect();
