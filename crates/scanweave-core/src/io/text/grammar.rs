@@ -47,21 +47,22 @@ impl Grammar {
         if all(';') {
             let look = look(Separator::Semicolon);
             let separator = if look.joined { Separator::Any } else { Separator::Semicolon };
-            return grammar(separator, !look.joined && look.commas && !look.points);
+            return grammar(separator, !look.joined && look.commas > look.points);
         }
         if all('\t') {
             let look = look(Separator::Tab);
             // Several tabs may align columns: then they are blanks.
             if look.regular && !look.joined {
-                return grammar(Separator::Tab, look.commas && !look.points);
+                return grammar(Separator::Tab, look.commas > look.points);
             }
         }
         if !lines.iter().any(|l| l.contains([',', ';'])) {
             return grammar(Separator::Blank, false);
         }
         let blank = look(Separator::Blank);
-        if blank.commas && !blank.points && !blank.several && blank.narrowest >= 3 {
-            return grammar(Separator::Blank, true);
+        // Where both marks occur, the rarer one is an error of its row.
+        if blank.commas > 0 && !blank.several && blank.narrowest >= 3 {
+            return grammar(Separator::Blank, blank.commas > blank.points);
         }
         let comma = all(',') && !look(Separator::Comma).joined;
         grammar(if comma { Separator::Comma } else { Separator::Any }, false)
@@ -174,12 +175,12 @@ fn is_empty(field: &str) -> bool {
 struct Look {
     /// A field is several numbers: the separator is not all that separates.
     joined: bool,
-    /// A number has one comma between digits.
-    commas: bool,
-    /// A number has more than one comma, or one at an end.
+    /// Numbers with one comma between digits and no point.
+    commas: usize,
+    /// Some have more than one comma, one at an end, or a point too: there it is no decimal mark.
     several: bool,
-    /// A number has a decimal point.
-    points: bool,
+    /// Numbers with a decimal point and no comma.
+    points: usize,
     /// Every line has as many fields, and no column is empty throughout.
     regular: bool,
     /// Fields of the line that has the fewest.
@@ -192,9 +193,9 @@ impl Look {
         let mut filled: Vec<bool> = Vec::new();
         let mut look = Self {
             joined: false,
-            commas: false,
+            commas: 0,
             several: false,
-            points: false,
+            points: 0,
             regular: true,
             narrowest: usize::MAX,
         };
@@ -225,9 +226,10 @@ impl Look {
                     && after.starts_with(|c: char| c.is_ascii_digit())
                     && !after.contains(',')
             });
-            self.commas |= comma == Some(true);
-            self.several |= comma == Some(false);
-            self.points |= field.contains('.');
+            let point = field.contains('.');
+            self.commas += usize::from(comma == Some(true) && !point);
+            self.several |= comma == Some(false) || (comma.is_some() && point);
+            self.points += usize::from(comma.is_none() && point);
         }
     }
 }
