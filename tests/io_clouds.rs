@@ -341,51 +341,59 @@ fn damaged_pcd_say_what_was_found() {
     assert!(failure("k.pcd", huge).contains("18446744073709551615 points"));
 }
 
+/// A text with its last two rows six times: fewer than ten rows are no scan.
+fn six_times(text: &str) -> String {
+    let lines: Vec<&str> = text.lines().collect();
+    let (head, rows) = lines.split_at(lines.len() - 2);
+    let rows: Vec<&str> = rows.repeat(6).into_iter().filter(|l| !l.trim().is_empty()).collect();
+    format!("{}\n{}", head.join("\n"), rows.join("\n")).trim_start_matches('\n').to_owned()
+}
+
 #[test]
 fn text_clouds_as_they_come() {
-    let expected = pts(&[[1.5, 2.0, 3.0], [4.0, 5.0, -6.25]]);
+    let expected = pts(&[[1.5, 2.0, 3.0], [4.0, 5.0, -6.25]].repeat(6));
     let variants = [
         ("a.xyz", "1.5 2 3\n4 5 -6.25\n"),
-        ("a.txt", "# x y z\n// note\n1.5\t2\t3\r\n\r\n4\t5\t-6.25"),
+        ("a.txt", "# x y z\n// note\n\r\n1.5\t2\t3\r\n4\t5\t-6.25"),
         ("a.csv", "x,y,z\n1.5,2,3\n4,5,-6.25\n"),
         ("a.csv", "\"label\", \"Z\", \"X\", \"Y\"\n0, 3, 1.5, 2\n0, -6.25, 4, 5\n"),
         ("a.csv", "x;y;z\n1.5;2;3\n4;5;-6.25\n"),
         ("a.csv", "1,5;2;3,0\n4,0;5;-6,25\n"),
-        ("a.pts", "2\n1.5 2 3\n4 5 -6.25\n"),
-        ("a.PTS", "\u{feff}2\r\n1.5 2 3 0.1\r\n4 5 -6.25 0.2\r\n"),
+        ("a.pts", "12\n1.5 2 3\n4 5 -6.25\n"),
+        ("a.PTS", "\u{feff}12\r\n1.5 2 3 0.1\r\n4 5 -6.25 0.2\r\n"),
         ("a.asc", "1.5 2 3 wall\n4 5 -6.25 floor\n"),
         ("a.xyzn", "1.5 2 3 0 0 1\n4 5 -6.25 0 1 0\n"),
         ("a.xyz", "1.5 2 3 0.5 0.5 0.7\n4 5 -6.25 0 1 0\n"),
     ];
     for (name, text) in variants {
-        let cloud = read(name, text);
+        let cloud = read(name, six_times(text));
         assert_eq!((cloud.points, cloud.colors), (expected.clone(), None), "{text}");
     }
     let colored = [
         ("a.xyz", "1.5 2 3 10 20 30\n4 5 -6.25 0 0 255\n"),
-        ("a.pts", "2\n1.5 2 3 -1200 10 20 30\n4 5 -6.25 7 0 0 255\n"),
+        ("a.pts", "12\n1.5 2 3 -1200 10 20 30\n4 5 -6.25 7 0 0 255\n"),
         ("a.csv", "b,g,r,x,y,z\n30,20,10,1.5,2,3\n255,0,0,4,5,-6.25\n"),
     ];
     for (name, text) in colored {
-        let cloud = read(name, text);
+        let cloud = read(name, six_times(text));
         assert_eq!(
             (cloud.points, cloud.colors),
-            (expected.clone(), Some(vec![[10, 20, 30], [0, 0, 255]])),
+            (expected.clone(), Some([[10, 20, 30], [0, 0, 255]].repeat(6))),
             "{text}"
         );
     }
-    assert_eq!(read("a.xyz", "1 2 3\nnan nan nan\n").dropped_rows, 1);
+    assert_eq!(read("a.xyz", six_times("1 2 3\nnan nan nan\n")).dropped_rows, 6);
 }
 
 #[test]
 fn damaged_text_says_where() {
-    assert!(
-        failure("a.pts", "3\n1 2 3\n4 5 6\n")
-            .contains("found 2 rows, expected 3 rows as its first line says")
-    );
-    assert!(failure("a.xyz", "1 2 3\n4 5\n").contains("line 2 '4 5'"));
-    assert!(failure("a.xyz", "1 2 3\n4 five 6\n").contains("line 2 '4 five 6'"));
-    assert!(failure("a.csv", "a,b,c\n1,2,3\n").contains("columns [a, b, c]"));
+    let rows = six_times("1 2 3\n4 5 6\n");
+    // Fewer rows than the count says are read: only a last row that is cut shows that the file is.
+    assert!(failure("a.pts", format!("30\n{rows}\n4 5")).contains("a last row cut short, line 14: 2 fields"));
+    assert!(failure("a.xyz", format!("{rows}\n4 5\n")).contains("line 13 '4 5'"));
+    assert!(failure("a.xyz", format!("{rows}\n4 five 6\n")).contains("line 13 '4 five 6'"));
+    assert!(failure("a.csv", six_times("a,b,c\n1,2,3\n4,5,6\n")).contains("columns [a, b, c]"));
+    assert!(failure("a.xyz", "1 2 3\n4 5 6\n").contains("a table of 2 rows"));
     assert!(failure("a.txt", b"\0\x01\x02").contains("begins with"));
 }
 

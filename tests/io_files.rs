@@ -8,7 +8,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-const CLOUD: &str = "1 2 3\n4 5 6\n";
+/// Ten rows, the fewest of a scan, of which no column grows as an index or times do.
+const CLOUD: &str = "1 2 3\n4 5 6\n1 2 3\n4 5 6\n1 2 3\n4 5 6\n1 2 3\n4 5 6\n1 2 3\n4 5 6\n";
 
 fn folder(files: &[&str]) -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
@@ -152,7 +153,7 @@ impl Monitor for Count {
 #[test]
 fn scans_come_in_order_with_unique_names() {
     let dir = folder(&["a/s1.xyz", "b/s1.xyz", "b/s2.xyz"]);
-    fs::write(dir.path().join("b/s2.xyz"), "7 8 9\n").unwrap();
+    fs::write(dir.path().join("b/s2.xyz"), "7 8 9\n".repeat(10)).unwrap();
     let paths: Vec<PathBuf> =
         ["b/s2.xyz", "b/s1.xyz", "a/s1.xyz"].iter().map(|p| dir.path().join(p)).collect();
     let monitor = Count(AtomicUsize::new(0), false);
@@ -160,7 +161,7 @@ fn scans_come_in_order_with_unique_names() {
     let names: Vec<&str> = scans.iter().map(|s| s.name.as_str()).collect();
     assert_eq!(names, ["s2", "b/s1", "a/s1"]);
     assert_eq!(scans.iter().map(|s| s.id.0).collect::<Vec<_>>(), [0, 1, 2]);
-    assert_eq!(scans[0].cloud.points, [Point::new(7.0, 8.0, 9.0)]);
+    assert_eq!(scans[0].cloud.points, [Point::new(7.0, 8.0, 9.0); 10]);
     assert_eq!(scans[2].path.as_ref(), Some(&paths[2]));
     assert_eq!(monitor.0.into_inner(), 3);
     assert!(matches!(read_scans(&paths, &Count(AtomicUsize::new(0), true)), Err(Error::Interrupted { .. })));
@@ -176,12 +177,12 @@ fn names_stay_unique_for_the_same_stem_in_one_folder() {
 #[test]
 fn the_first_bad_scan_in_order_is_named() {
     let dir = folder(&["1.xyz", "2.xyz", "3.xyz"]);
-    fs::write(dir.path().join("2.xyz"), "nan nan nan\ninf 0 0\n").unwrap();
+    fs::write(dir.path().join("2.xyz"), "nan nan nan\ninf 0 0\n".repeat(5)).unwrap();
     fs::write(dir.path().join("3.xyz"), "no numbers here\n1 2\n").unwrap();
     let paths = discover(&[dir.path().display().to_string()]).unwrap();
     for _ in 0..20 {
         let message = read_scans(&paths, &Silent).unwrap_err().to_string();
-        assert!(message.contains("2.xyz: found 0 finite points of 2 rows"), "{message}");
+        assert!(message.contains("2.xyz: found 0 finite points of 10 rows"), "{message}");
     }
 }
 

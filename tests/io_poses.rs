@@ -250,7 +250,9 @@ fn scenes_in_every_layout() {
 
 fn cloud() -> PointCloud {
     let dir = folder();
-    read_cloud(save(&dir, "c.xyz", "0 0 0\n1 1 1\n2 2 2\n3 3 3\n")).unwrap()
+    let vertices = "0 0 0\n1 1 1\n2 2 2\n3 3 3\n";
+    let head = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
+    read_cloud(save(&dir, "c.ply", format!("{head}{vertices}"))).unwrap()
 }
 
 fn descriptors(dir: &TempDir, name: &str, rows: usize) {

@@ -102,7 +102,7 @@ fn read_bytes(path: &Path, name: &Path, bytes: Vec<u8>, options: &ReadOptions) -
         Format::Ply => ply::read(path, &bytes)?.into(),
         Format::Pcd => pcd::read(path, &bytes)?.into(),
         Format::Ptx => ptx::read(path, &bytes, options)?,
-        Format::Text => text::read(path, &bytes)?.into(),
+        Format::Text => text::read(path, &bytes, options)?,
         Format::Npy => npy::read_npy(path, &bytes)?.into(),
         Format::Npz => npy::read_npz(path, &bytes)?.into(),
         Format::Las => las::read(path, Cursor::new(bytes), options)?,
@@ -139,7 +139,7 @@ pub(super) fn format_of(path: &Path, name: &Path, head: &[u8]) -> Result<Format>
         None => {}
     }
     let is_text = matches!(extension.as_str(), "xyz" | "pts" | "txt" | "asc" | "csv" | "xyzrgb" | "xyzn");
-    let plain = !head[..head.len().min(512)].contains(&0);
+    let plain = !head[..head.len().min(512)].contains(&0) || text::is_utf16(head);
     match extension.as_str() {
         "ptx" if plain => return Ok(Format::Ptx),
         "bin" => return Ok(Format::Bin),
