@@ -62,14 +62,13 @@ pub(super) fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<S
 
 /// Lines that are not empty, with their numbers, counted from one.
 struct Lines<'a> {
-    lines: std::iter::Enumerate<std::slice::Split<'a, u8, fn(&u8) -> bool>>,
+    rest: &'a [u8],
+    number: usize,
 }
 
 impl<'a> Lines<'a> {
     fn new(bytes: &'a [u8]) -> Self {
-        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-        let is_end: fn(&u8) -> bool = |b| *b == b'\n';
-        Self { lines: bytes.split(is_end).enumerate() }
+        Self { rest: bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes), number: 0 }
     }
 }
 
@@ -77,9 +76,18 @@ impl<'a> Iterator for Lines<'a> {
     type Item = (usize, &'a str);
 
     fn next(&mut self) -> Option<Self::Item> {
-        // What is not UTF-8 is no number either.
-        let text = |line: &'a [u8]| std::str::from_utf8(line).unwrap_or("\u{fffd}").trim();
-        self.lines.by_ref().map(|(i, line)| (i + 1, text(line))).find(|(_, line)| !line.is_empty())
+        while !self.rest.is_empty() {
+            let end = self.rest.iter().position(|b| *b == b'\n').unwrap_or(self.rest.len());
+            let line = &self.rest[..end];
+            self.rest = self.rest.get(end + 1..).unwrap_or_default();
+            self.number += 1;
+            // What is not UTF-8 is no number either.
+            let text = std::str::from_utf8(line).unwrap_or("\u{fffd}").trim();
+            if !text.is_empty() {
+                return Some((self.number, text));
+            }
+        }
+        None
     }
 }
 
