@@ -64,8 +64,8 @@ pub fn read_file(path: &Path, options: &ReadOptions) -> Result<ScanFile> {
     }
     let format = format_of(path, &bytes)?;
     let mut file: ScanFile = match format {
-        Format::Ply => ply::read(path, &bytes)?.into(),
-        Format::Pcd => pcd::read(path, &bytes)?.into(),
+        Format::Ply => ply::read(path, &bytes, options)?,
+        Format::Pcd => pcd::read(path, &bytes, options)?,
         Format::Text => text::read(path, &bytes)?.into(),
         Format::Npy => npy::read_npy(path, &bytes)?.into(),
         Format::Npz => npy::read_npz(path, &bytes)?.into(),
