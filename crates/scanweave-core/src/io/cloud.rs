@@ -2,7 +2,7 @@
 
 use super::scalar::counted;
 use super::scan_file::{ReadOptions, ScanFile};
-use super::{depth, e57, las, npy, pcd, ply, text};
+use super::{depth, e57, las, npy, npz, pcd, ply, text};
 use crate::error::{Error, Result};
 use crate::scan::PointCloud;
 use std::fs;
@@ -67,8 +67,8 @@ pub fn read_file(path: &Path, options: &ReadOptions) -> Result<ScanFile> {
         Format::Ply => ply::read(path, &bytes, options)?,
         Format::Pcd => pcd::read(path, &bytes, options)?,
         Format::Text => text::read(path, &bytes)?.into(),
-        Format::Npy => npy::read_npy(path, &bytes)?.into(),
-        Format::Npz => npy::read_npz(path, &bytes)?.into(),
+        Format::Npy => npy::read(path, &bytes, options)?,
+        Format::Npz => npz::read(path, &bytes, options)?,
         Format::Las => las::read(path)?.into(),
         Format::E57 => e57::read(path)?.into(),
         Format::DepthPng => {

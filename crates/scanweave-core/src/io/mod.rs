@@ -16,6 +16,8 @@ mod las;
 mod lzf;
 mod merged;
 mod npy;
+mod npy_header;
+mod npz;
 mod overlaps;
 pub mod pairs;
 mod pcd;
