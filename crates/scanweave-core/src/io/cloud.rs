@@ -2,7 +2,7 @@
 
 use super::scalar::counted;
 use super::scan_file::{ReadOptions, ScanFile};
-use super::{depth, e57, las, npy, npz, pcd, ply, text};
+use super::{depth, e57, las, mesh, npy, npz, pcd, ply, text};
 use crate::error::{Error, Result};
 use crate::scan::PointCloud;
 use std::fs;
@@ -19,11 +19,12 @@ enum Format {
     Las,
     E57,
     DepthPng,
+    Mesh,
 }
 
 /// What to give instead of a file that cannot be read, for messages.
 pub(super) const FORMATS: &str =
-    "PLY, PCD, XYZ/PTS/TXT/ASC/CSV text, NPY, NPZ, LAS/LAZ, E57 or a 16-bit depth PNG";
+    "PLY, PCD, XYZ/PTS/TXT/ASC/CSV text, NPY, NPZ, LAS/LAZ, E57, OBJ/OFF/STL/GLB or a 16-bit depth PNG";
 
 /// Reads the only scan of a file, with the options' defaults: see [`read_file`].
 ///
@@ -71,6 +72,7 @@ pub fn read_file(path: &Path, options: &ReadOptions) -> Result<ScanFile> {
         Format::Npz => npz::read(path, &bytes, options)?,
         Format::Las => las::read(path)?.into(),
         Format::E57 => e57::read(path)?.into(),
+        Format::Mesh => mesh::read(path, &bytes, options)?,
         Format::DepthPng => {
             let intrinsics = depth::find_intrinsics(path)?;
             depth::decode_depth_png(path, &bytes)?.to_cloud(&intrinsics, depth::UNITS_PER_M)?.into()
@@ -105,6 +107,9 @@ fn format_of(path: &Path, bytes: &[u8]) -> Result<Format> {
     }
     if begins(b"\x89PNG") {
         return Ok(Format::DepthPng);
+    }
+    if mesh::is_mesh(path, bytes) {
+        return Ok(Format::Mesh);
     }
     if looks_like_pcd(bytes) {
         return Ok(Format::Pcd);

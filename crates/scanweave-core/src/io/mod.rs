@@ -15,6 +15,7 @@ mod fields;
 mod las;
 mod lzf;
 mod merged;
+mod mesh;
 mod npy;
 mod npy_header;
 mod npz;
