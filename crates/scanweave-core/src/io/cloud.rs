@@ -3,7 +3,7 @@
 use super::packed::{self, Unpacked};
 use super::scalar::counted;
 use super::scan_file::{ReadOptions, ScanFile};
-use super::{bin, depth, e57, las, npy, pcd, ply, ptx, text};
+use super::{bin, depth, e57, las, mesh, npy, npz, pcd, ply, ptx, text};
 use crate::error::{Error, Result};
 use crate::scan::PointCloud;
 use std::fs::File;
@@ -23,13 +23,14 @@ pub(super) enum Format {
     E57,
     Bin,
     DepthPng,
+    Mesh,
     Gzip,
     Zip,
 }
 
 /// What to give instead of a file that cannot be read, for messages.
 pub(super) const FORMATS: &str = "PLY, PCD, XYZ/PTS/TXT/ASC/CSV text, PTX, NPY, NPZ, LAS/LAZ, E57, KITTI BIN, \
-                                  a 16-bit depth PNG, or one of these in a .gz or .zip";
+                                  OBJ/OFF/STL/GLB, a 16-bit depth PNG, or one of these in a .gz or .zip";
 
 /// Bytes at the start of a file that tell its format.
 pub(super) const HEAD_BYTES: u64 = 4096;
@@ -99,12 +100,13 @@ fn read_bytes(path: &Path, name: &Path, bytes: Vec<u8>, options: &ReadOptions) -
     let head = &bytes[..bytes.len().min(HEAD_BYTES as usize)];
     let format = format_of(path, name, head)?;
     let read = match format {
-        Format::Ply => ply::read(path, &bytes)?.into(),
-        Format::Pcd => pcd::read(path, &bytes)?.into(),
+        Format::Ply => ply::read(path, &bytes, options)?,
+        Format::Pcd => pcd::read(path, &bytes, options)?,
         Format::Ptx => ptx::read(path, &bytes, options)?,
         Format::Text => text::read(path, &bytes, options)?,
-        Format::Npy => npy::read_npy(path, &bytes)?.into(),
-        Format::Npz => npy::read_npz(path, &bytes)?.into(),
+        Format::Npy => npy::read(path, &bytes, options)?,
+        Format::Npz => npz::read(path, &bytes, options)?,
+        Format::Mesh => mesh::read(path, name, &bytes, options)?,
         Format::Las => las::read(path, Cursor::new(bytes), options)?,
         Format::E57 => e57::read(path, Cursor::new(bytes), options)?,
         Format::Bin => bin::read(path, &bytes, options)?,
@@ -136,6 +138,7 @@ pub(super) fn format_of(path: &Path, name: &Path, head: &[u8]) -> Result<Format>
         // An archive of NumPy arrays is one scan.
         Some(Format::Zip) if extension == "npz" => return Ok(Format::Npz),
         Some(format) => return Ok(format),
+        None if mesh::is_mesh(name, head) => return Ok(Format::Mesh),
         None => {}
     }
     let is_text = matches!(extension.as_str(), "xyz" | "pts" | "txt" | "asc" | "csv" | "xyzrgb" | "xyzn");

@@ -1,5 +1,7 @@
 //! Colour channels as files have them.
 
+use super::scalar::Scalar;
+
 /// Turns colour channels of unknown range into bytes: values all in `[0, 1]` are fractions,
 /// values up to 255 are bytes, larger ones 16-bit.
 pub(super) fn channels_to_bytes(values: &[[f64; 3]]) -> Vec<[u8; 3]> {
@@ -13,6 +15,14 @@ pub(super) fn channels_to_bytes(values: &[[f64; 3]]) -> Vec<[u8; 3]> {
     };
     // `as u8` saturates and takes NaN to zero.
     values.iter().map(|c| c.map(|v| (v * scale).round() as u8)).collect()
+}
+
+/// Colour channels of a known type as bytes: those of bytes are no fractions, whatever their range.
+pub(super) fn channels_of(values: &[[f64; 3]], scalar: Scalar) -> Vec<[u8; 3]> {
+    match scalar {
+        Scalar::U8 => values.iter().map(|c| c.map(|v| v as u8)).collect(),
+        _ => channels_to_bytes(values),
+    }
 }
 
 #[cfg(test)]

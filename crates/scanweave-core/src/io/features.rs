@@ -1,6 +1,7 @@
 //! Precomputed local features: one NPZ a scan, or the folders of SGHR and IMVR.
 
 use super::npy::{self, Array};
+use super::npz::Archive;
 use super::poses::read_text;
 use super::scalar::parse_number;
 use super::{atomic, read_cloud};
@@ -25,19 +26,18 @@ use std::path::{Path, PathBuf};
 pub fn read_npz(path: impl AsRef<Path>) -> Result<Features> {
     let path = path.as_ref();
     let bytes = fs::read(path).map_err(|e| Error::read(path, e))?;
-    let arrays = npy::read_archive(path, &bytes)?;
-    let get = |key: &str| arrays.iter().find(|(k, _)| k == key).map(|(_, a)| a);
-    let need = |key: &str| {
-        get(key).ok_or_else(|| {
-            let keys: Vec<&str> = arrays.iter().map(|(k, _)| k.as_str()).collect();
+    let mut archive = Archive::open(path, &bytes)?;
+    let keys = archive.keys();
+    let mut need = |key: &str| {
+        archive.array(key)?.ok_or_else(|| {
             let found = format!("arrays [{}]", keys.join(", "));
             let remedy = "save with numpy.savez(path, keypoints=…, descriptors=…)";
             Error::file(path, found, format!("an array '{key}'"), remedy)
         })
     };
-    let keypoints = points(path, "keypoints", need("keypoints")?)?;
-    let descriptors = descriptors(path, "descriptors", need("descriptors")?)?;
-    let normals = get("normals").map(|a| points(path, "normals", a)).transpose()?;
+    let keypoints = points(path, "keypoints", &need("keypoints")?)?;
+    let descriptors = descriptors(path, "descriptors", &need("descriptors")?)?;
+    let normals = archive.array("normals")?.map(|a| points(path, "normals", &a)).transpose()?;
     if let Some(normals) = &normals {
         same_length((path, "normals", normals.len()), (path, "keypoints", keypoints.len()))?;
     }
@@ -54,8 +54,8 @@ pub fn read_npz(path: impl AsRef<Path>) -> Result<Features> {
 pub fn holds_features(path: impl AsRef<Path>) -> Result<bool> {
     let path = path.as_ref();
     let bytes = fs::read(path).map_err(|e| Error::read(path, e))?;
-    let arrays = npy::read_archive(path, &bytes)?;
-    Ok(["keypoints", "descriptors"].iter().all(|wanted| arrays.iter().any(|(key, _)| key == wanted)))
+    let keys = Archive::open(path, &bytes)?.keys();
+    Ok(["keypoints", "descriptors"].iter().all(|wanted| keys.iter().any(|key| key == wanted)))
 }
 
 /// Writes what [`read_npz`] reads, as 32-bit floats.

@@ -17,7 +17,7 @@ pub fn read_merged(path: impl AsRef<Path>) -> Result<(PointCloud, Vec<usize>)> {
     let path = path.as_ref();
     let remedy = "register again, or remove the file";
     let bytes = fs::read(path).map_err(|e| Error::read(path, e))?;
-    let cloud = ply::read(path, &bytes)?;
+    let cloud = ply::read_points(path, &bytes)?;
     let numbers = ply::read_property(path, &bytes, SCAN)?;
     if cloud.dropped_rows > 0 {
         let found = format!("{} points that are not finite", cloud.dropped_rows);

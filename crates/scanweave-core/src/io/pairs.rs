@@ -4,7 +4,8 @@
 //! metres), rotation as x y z w, matches, inliers, residual (m), overlap, median distance (m),
 //! its share of the seconds that all took which were registered with it.
 
-use super::{atomic, npy};
+use super::atomic;
+use super::npz::Archive;
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::scan::{PairKey, PairRegistration};
@@ -27,17 +28,18 @@ pub type Pairs = BTreeMap<PairKey, (PairRegistration, f64)>;
 /// [`Error::Read`]; [`Error::File`] for missing arrays or wrong shapes.
 pub fn read(path: &Path) -> Result<Pairs> {
     let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
-    let arrays = npy::read_archive(path, &bytes)?;
-    let rows = |name: &str, columns: usize| {
-        let array = arrays.iter().find(|(key, _)| key == name).map(|(_, array)| array);
-        let fits = array.filter(|a| a.matrix().is_some_and(|(_, c)| c == columns));
-        fits.map(|a| a.values.chunks_exact(columns).collect::<Vec<_>>()).ok_or_else(|| {
-            let found = array.map_or("nothing".to_owned(), |a| format!("shape {:?}", a.shape));
+    let mut archive = Archive::open(path, &bytes)?;
+    let mut numbers = |name: &str, columns: usize| match archive.array(name)? {
+        Some(array) if array.matrix().is_some_and(|(_, c)| c == columns) => Ok(array.values),
+        other => {
+            let found = other.map_or("nothing".to_owned(), |a| format!("shape {:?}", a.shape));
             let expected = format!("an array '{name}' of {columns} columns");
-            Error::file(path, found, expected, "delete it; it is made again")
-        })
+            Err(Error::file(path, found, expected, "delete it; it is made again"))
+        }
     };
-    let (keys, values) = (rows("pairs", KEY)?, rows("values", VALUES)?);
+    let (keys, values) = (numbers("pairs", KEY)?, numbers("values", VALUES)?);
+    let (keys, values): (Vec<&[f64]>, Vec<&[f64]>) =
+        (keys.chunks_exact(KEY).collect(), values.chunks_exact(VALUES).collect());
     if keys.len() != values.len() {
         let found = format!("{} pairs and {} values", keys.len(), values.len());
         return Err(Error::file(path, found, "as many of both", "delete it; it is made again"));

@@ -1,29 +1,49 @@
 //! PCD (Point Cloud Library): ASCII, binary and binary_compressed; organised clouds with NaN; colours.
 
-use super::colors::channels_to_bytes;
+use super::colors::channels_of;
+use super::fields::whole_number_note;
 use super::lzf;
-use super::pcd_header::{CUT_SHORT, Color, Encoding, Header, Place, parse_header};
+use super::pcd_header::{CUT_SHORT, Color, Encoding, Header, Place, Places, parse_header};
+use super::pcd_viewpoint::place_sensor;
 use super::scalar::{Endian, Scalar, counted, parse_number};
+use super::scan_file::{ReadOptions, ScanFile, StoredScan};
+use super::vertices::Vertices;
 use crate::error::{Error, Result};
 use crate::scan::PointCloud;
-use crate::scan::assemble::{NO_COLORS, assemble};
+use crate::scan::assemble::{Attributes, assemble_with};
 use std::path::Path;
 
 /// Reads the points (and colours, where there are any) of a PCD file's `bytes`.
 ///
 /// # Errors
 /// [`Error::File`] when the header cannot be used or disagrees with the data.
-pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<PointCloud> {
+pub(super) fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<ScanFile> {
     let header = parse_header(path, bytes)?;
     let data = &bytes[header.data_start..];
-    match header.encoding {
-        Encoding::Ascii => read_ascii(path, data, &header),
-        Encoding::Binary => read_rows(path, data, &header),
+    let stride = header.stride(path)?;
+    let columnar = header.encoding == Encoding::Compressed;
+    let mut places = header.places(path, stride, columnar)?;
+    if !options.attributes {
+        (places.intensity, places.normal) = (None, None);
+    }
+    let mut cloud = match header.encoding {
+        Encoding::Ascii => read_ascii(path, data, &header, &places)?,
+        Encoding::Binary => {
+            check_rows(path, data, &header, stride)?;
+            decode(data, header.points, &places)
+        }
         Encoding::Compressed => {
             let columns = decompress(path, data)?;
-            read_columns(path, &columns, &header)
+            if stride.checked_mul(header.points) != Some(columns.len()) {
+                return Err(short(path, &header, stride, columns.len()));
+            }
+            decode(&columns, header.points, &places)
         }
-    }
+    };
+    let pose = header.viewpoint.as_ref().and_then(|sensor| place_sensor(sensor, &mut cloud));
+    let mut file = ScanFile::of(vec![StoredScan { cloud, pose }]);
+    file.notes.extend(whole_number_note(places.xyz.map(|p| p.scalar), options));
+    Ok(file)
 }
 
 fn unpack(bits: u32) -> [u8; 3] {
@@ -42,8 +62,7 @@ fn short(path: &Path, header: &Header, stride: usize, found: usize) -> Error {
     )
 }
 
-fn read_rows(path: &Path, data: &[u8], header: &Header) -> Result<PointCloud> {
-    let stride = header.stride(path)?;
+fn check_rows(path: &Path, data: &[u8], header: &Header, stride: usize) -> Result<()> {
     let needed = stride.checked_mul(header.points).filter(|&n| n <= data.len());
     let Some(needed) = needed else { return Err(short(path, header, stride, data.len())) };
     // Padding with zeros up to a page is common; other bytes mean that the count is wrong.
@@ -56,45 +75,31 @@ fn read_rows(path: &Path, data: &[u8], header: &Header) -> Result<PointCloud> {
             "correct POINTS, WIDTH and HEIGHT in the header or export the scan again",
         ));
     }
-    let (xyz, color) = header.places(path, stride, false)?;
-    Ok(decode(data, header, xyz, color))
-}
-
-fn read_columns(path: &Path, columns: &[u8], header: &Header) -> Result<PointCloud> {
-    let stride = header.stride(path)?;
-    if stride.checked_mul(header.points) != Some(columns.len()) {
-        return Err(short(path, header, stride, columns.len()));
-    }
-    let (xyz, color) = header.places(path, stride, true)?;
-    Ok(decode(columns, header, xyz, color))
+    Ok(())
 }
 
 /// Values at their places in memory; the caller has checked the length.
-fn decode(data: &[u8], header: &Header, xyz: [Place; 3], color: Option<Color<Place>>) -> PointCloud {
-    let n = header.points;
+fn decode(data: &[u8], n: usize, places: &Places) -> PointCloud {
     let bytes = |i: usize, p: Place| data.get(p.first + i * p.step..).unwrap_or(&[]);
     let number = |i: usize, p: Place| p.scalar.read(bytes(i, p), Endian::Little);
-    let at = |i: usize| xyz.map(|p| number(i, p));
-    match color {
-        None => assemble(n, at, NO_COLORS, header.viewpoint),
-        Some(Color::Packed(p)) => {
-            // Read as bits: a float whose alpha byte is 255 is NaN as a number.
-            let rgb = |i: usize| unpack(bytes(i, p).first_chunk().map_or(0, |b| u32::from_le_bytes(*b)));
-            assemble(n, at, Some(rgb), header.viewpoint)
-        }
-        Some(Color::Channels(c)) => {
+    // Read as bits: a float whose alpha byte is 255 is NaN as a number.
+    let packed = |i: usize, p: Place| unpack(bytes(i, p).first_chunk().map_or(0, |b| u32::from_le_bytes(*b)));
+    let colors: Option<Vec<[u8; 3]>> = places.color.map(|color| match color {
+        Color::Packed(p) => (0..n).map(|i| packed(i, p)).collect(),
+        Color::Channels(c) => {
             let values: Vec<[f64; 3]> = (0..n).map(|i| c.map(|p| number(i, p))).collect();
-            let colors = channels_of(&values, c[0].scalar);
-            assemble(n, at, Some(|i: usize| colors[i]), header.viewpoint)
+            channels_of(&values, c[0].scalar)
         }
-    }
-}
-
-fn channels_of(values: &[[f64; 3]], scalar: Scalar) -> Vec<[u8; 3]> {
-    match scalar {
-        Scalar::U8 => values.iter().map(|c| c.map(|v| v as u8)).collect(),
-        _ => channels_to_bytes(values),
-    }
+    });
+    let rgb = colors.as_ref().map(|c| |i: usize| c[i]);
+    let intensity = places.intensity.map(|p| move |i: usize| number(i, p) as f32);
+    let normal = places.normal.map(|c| move |i: usize| c.map(|p| number(i, p) as f32));
+    let attributes = Attributes {
+        rgb: rgb.as_ref().map(|f| f as &dyn Fn(usize) -> [u8; 3]),
+        intensity: intensity.as_ref().map(|f| f as &dyn Fn(usize) -> f32),
+        normal: normal.as_ref().map(|f| f as &dyn Fn(usize) -> [f32; 3]),
+    };
+    assemble_with(n, |i| places.xyz.map(|p| number(i, p)), &attributes, None)
 }
 
 /// The columns of a binary_compressed body: compressed length, plain length, LZF stream.
@@ -130,39 +135,41 @@ fn decompress(path: &Path, data: &[u8]) -> Result<Vec<u8>> {
     })
 }
 
-fn read_ascii(path: &Path, data: &[u8], header: &Header) -> Result<PointCloud> {
-    let (xyz, color) = header.places(path, header.stride(path)?, false)?;
+fn read_ascii(path: &Path, data: &[u8], header: &Header, places: &Places) -> Result<PointCloud> {
     let text = String::from_utf8_lossy(data);
     let mut lines = text.lines().map(str::trim).filter(|l| !l.is_empty() && !l.starts_with('#'));
-    let mut rows: Vec<[f64; 3]> = Vec::with_capacity(header.points.min(data.len()));
+    let mut vertices = Vertices {
+        intensity: places.intensity.map(|_| Vec::new()),
+        normal: places.normal.map(|_| Vec::new()),
+        ..Vertices::default()
+    };
     let mut values: Vec<[f64; 3]> = Vec::new();
     let mut colors: Vec<[u8; 3]> = Vec::new();
+    let mut words: Vec<&str> = Vec::new();
     for row in 0..header.points {
         let Some(line) = lines.next() else {
             let expected = format!("{} rows as its header says", header.points);
             return Err(Error::file(path, format!("{row} rows"), expected, CUT_SHORT));
         };
-        let words: Vec<&str> = line.split_ascii_whitespace().collect();
+        words.clear();
+        words.extend(line.split_ascii_whitespace());
         let number = |p: Place| words.get(p.column).and_then(|w| parse_number(w));
-        let bad = || {
-            let found = format!("row {} '{}'", row + 1, line.chars().take(80).collect::<String>());
-            let columns: usize = header.fields.iter().map(|f| f.count).sum();
-            Error::file(
-                path,
-                found,
-                counted(columns, "number"),
-                "correct that row, or export the file again if it is cut short",
-            )
-        };
+        let bad = || bad_row(path, header, row, line);
         let three = |p: [Place; 3]| Some([number(p[0])?, number(p[1])?, number(p[2])?]);
-        rows.push(three(xyz).ok_or_else(bad)?);
-        match color {
+        vertices.xyz.push(three(places.xyz).ok_or_else(bad)?);
+        match places.color {
             None => {}
             Some(Color::Packed(p)) => {
                 let word = words.get(p.column).ok_or_else(bad)?;
                 colors.push(unpack(packed_bits(word, p.scalar).ok_or_else(bad)?));
             }
             Some(Color::Channels(c)) => values.push(three(c).ok_or_else(bad)?),
+        }
+        if let (Some(all), Some(p)) = (&mut vertices.intensity, places.intensity) {
+            all.push(number(p).ok_or_else(bad)? as f32);
+        }
+        if let (Some(all), Some(p)) = (&mut vertices.normal, places.normal) {
+            all.push(three(p).ok_or_else(bad)?.map(|v| v as f32));
         }
     }
     let more = lines.count();
@@ -171,11 +178,18 @@ fn read_ascii(path: &Path, data: &[u8], header: &Header) -> Result<PointCloud> {
         let remedy = "correct POINTS, WIDTH and HEIGHT in the header or export the scan again";
         return Err(Error::file(path, format!("{} rows", header.points + more), expected, remedy));
     }
-    if let Some(Color::Channels(c)) = color {
-        colors = channels_of(&values, c[0].scalar);
-    }
-    let rgb = color.map(|_| |i: usize| colors[i]);
-    Ok(assemble(rows.len(), |i| rows[i], rgb, header.viewpoint))
+    vertices.rgb = places.color.map(|color| match color {
+        Color::Packed(_) => colors,
+        Color::Channels(c) => channels_of(&values, c[0].scalar),
+    });
+    Ok(vertices.into_cloud())
+}
+
+fn bad_row(path: &Path, header: &Header, row: usize, line: &str) -> Error {
+    let found = format!("row {} '{}'", row + 1, line.chars().take(80).collect::<String>());
+    let columns: usize = header.fields.iter().map(|f| f.count).sum();
+    let remedy = "correct that row, or export the file again if it is cut short";
+    Error::file(path, found, counted(columns, "number"), remedy)
 }
 
 /// The bits of a packed colour written as text: of the float, or of the integer.
@@ -184,5 +198,74 @@ fn packed_bits(word: &str, scalar: Scalar) -> Option<u32> {
         // A float with alpha 255 is written as nan and its colour is lost: black.
         Scalar::F32 => word.parse::<f32>().ok().map(|v| if v.is_nan() { 0 } else { v.to_bits() }),
         _ => word.parse::<i64>().ok().map(|v| v as u32),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Direction, Point};
+
+    /// One point with a normal, an intensity and whole-number coordinates, by hand.
+    fn one(data: &str, packed: &[u8]) -> Vec<u8> {
+        let head = "FIELDS x y z normal_x normal_y normal_z intensity\nSIZE 4 4 4 4 4 4 4\n\
+                    TYPE I I I F F F F\nWIDTH 1\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 1\n";
+        [format!("{head}DATA {data}\n").as_bytes(), packed].concat()
+    }
+
+    #[test]
+    fn intensities_and_normals_are_read_where_they_are_asked_for() {
+        let rows: Vec<u8> = [1500i32, -20, 3]
+            .iter()
+            .flat_map(|v| v.to_le_bytes())
+            .chain([0f32, 0.6, -0.8, 0.25].iter().flat_map(|v| v.to_le_bytes()))
+            .collect();
+        // One point in columns is the same bytes. LZF: one run of 28 literal bytes.
+        let lzf = [&29u32.to_le_bytes()[..], &28u32.to_le_bytes(), &[27], &rows].concat();
+        for bytes in [
+            one("ascii", b"1500 -20 3 0 0.6 -0.8 0.25\n"),
+            one("binary", &rows),
+            one("binary_compressed", &lzf),
+        ] {
+            let all = ReadOptions { attributes: true, ..ReadOptions::default() };
+            let file = read(Path::new("a.pcd"), &bytes, &all).unwrap();
+            let cloud = &file.scans[0].cloud;
+            assert_eq!(cloud.points, [Point::new(1500.0, -20.0, 3.0)]);
+            assert_eq!(cloud.normals, Some(vec![Direction::new(0.0, 0.6, -0.8)]));
+            assert_eq!(cloud.intensities, Some(vec![0.25]));
+            assert!(file.notes[0].warning && file.notes[0].text.contains("--unit mm"));
+            let bare = ReadOptions { unit_m: Some(1e-3), ..ReadOptions::default() };
+            let file = read(Path::new("a.pcd"), &bytes, &bare).unwrap();
+            assert!(file.notes.is_empty());
+            assert_eq!((&file.scans[0].cloud.normals, &file.scans[0].cloud.intensities), (&None, &None));
+        }
+    }
+
+    #[test]
+    fn the_viewpoint_is_a_pose_where_the_points_are_in_the_frame_of_the_sensor() {
+        // A quarter turn about z, and points around zero: the frame's x axis is the world's y axis.
+        let half = 0.5f64.sqrt();
+        let text = |points: &str| {
+            format!(
+                "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 4\nHEIGHT 1\n\
+                 VIEWPOINT 104 52 1.5 {half} 0 0 {half}\nPOINTS 4\nDATA ascii\n{points}"
+            )
+        };
+        let options = ReadOptions::default();
+        let around_zero = text("1 0 0\n-1 0 0\n0 1 1\n0 -1 -1\n");
+        let scan = read(Path::new("a.pcd"), around_zero.as_bytes(), &options).unwrap().scans.swap_remove(0);
+        assert_eq!(scan.cloud.viewpoint, Some(Point::origin()));
+        let moved = scan.pose.unwrap() * nalgebra::Point3::new(1.0, 0.0, 0.0);
+        assert!((moved - nalgebra::Point3::new(104.0, 53.0, 1.5)).norm() < 1e-12, "{moved}");
+        // The same points taken to the world.
+        let in_world = text("104 53 1.5\n104 51 1.5\n103 52 2.5\n105 52 0.5\n");
+        let scan = read(Path::new("a.pcd"), in_world.as_bytes(), &options).unwrap().scans.swap_remove(0);
+        assert_eq!(scan.pose, None);
+        let viewpoint = scan.cloud.viewpoint.unwrap().coords.cast::<f64>() + scan.cloud.origin_m;
+        assert!((viewpoint - nalgebra::Vector3::new(104.0, 52.0, 1.5)).norm() < 1e-5, "{viewpoint}");
+        // What is no rotation is no pose, and 100 m away no place to see a metre from.
+        let broken = around_zero.replace(&format!("{half} 0 0 {half}"), "0 0 0 0");
+        let scan = read(Path::new("a.pcd"), broken.as_bytes(), &options).unwrap().scans.swap_remove(0);
+        assert_eq!((scan.pose, scan.cloud.viewpoint), (None, None));
     }
 }

@@ -1,7 +1,10 @@
 //! The header of a PCD file, and where it says that coordinates and colours are.
 
+use super::fields::{INTENSITY, NORMAL, RGB, three};
 use super::scalar::{Scalar, parse_number};
 use crate::error::{Error, Result};
+use crate::geometry::RigidMotion;
+use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use std::path::Path;
 
 #[derive(Debug, Clone)]
@@ -21,10 +24,19 @@ pub(super) enum Encoding {
 pub(super) struct Header {
     pub fields: Vec<Field>,
     pub points: usize,
-    pub viewpoint: Option<[f64; 3]>,
+    /// Where it says that the sensor stood, unless all that it says is zero.
+    pub viewpoint: Option<Sensor>,
     pub encoding: Encoding,
     /// Byte at which the data begin.
     pub data_start: usize,
+}
+
+/// What VIEWPOINT says of the sensor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sensor {
+    pub translation: [f64; 3],
+    /// The same with the rotation, where that is one.
+    pub pose: Option<RigidMotion>,
 }
 
 /// Where the first value of a field is found.
@@ -45,6 +57,14 @@ pub(super) enum Color<T> {
     /// One number with the bytes 0xAARRGGBB, as an integer or as the bits of a float.
     Packed(T),
     Channels([T; 3]),
+}
+
+/// Where all that is read stands.
+pub(super) struct Places {
+    pub xyz: [Place; 3],
+    pub color: Option<Color<Place>>,
+    pub intensity: Option<Place>,
+    pub normal: Option<[Place; 3]>,
 }
 
 pub(super) const CUT_SHORT: &str = "copy or export the file again: it is cut short";
@@ -153,10 +173,30 @@ impl HeaderLines {
             );
             bad(found, "the number of points as POINTS, or as WIDTH and HEIGHT")
         })?;
-        let translation: Vec<f64> = self.viewpoint.iter().take(3).filter_map(|w| parse_number(w)).collect();
-        let viewpoint = <[f64; 3]>::try_from(translation).ok().filter(|t| t.iter().any(|&c| c != 0.0));
+        let viewpoint = sensor(&self.viewpoint);
         Ok(Header { fields, points, viewpoint, encoding, data_start })
     }
+}
+
+/// Rotations whose quaternion is further than this from unit length are not written as rotations. Six
+/// digits, as text files have them, are ten thousand times nearer.
+const QUATERNION_TOLERANCE: f64 = 0.01;
+
+/// The sensor of `tx ty tz qw qx qy qz`. At zero, which is also what writers say who do not know,
+/// nothing is said.
+fn sensor(words: &[String]) -> Option<Sensor> {
+    let numbers: Vec<f64> = words.iter().map_while(|w| parse_number(w)).filter(|v| v.is_finite()).collect();
+    let translation = *numbers.first_chunk::<3>()?;
+    if translation == [0.0; 3] {
+        return None;
+    }
+    let pose = numbers.get(3..).and_then(|q| q.first_chunk::<4>()).and_then(|&[w, x, y, z]| {
+        let quaternion = Quaternion::new(w, x, y, z);
+        let is_rotation = (quaternion.norm() - 1.0).abs() < QUATERNION_TOLERANCE;
+        let rotation = is_rotation.then(|| UnitQuaternion::from_quaternion(quaternion))?;
+        Some(RigidMotion::from_parts(Translation3::from(translation), rotation))
+    });
+    Some(Sensor { translation, pose })
 }
 
 fn scalar(kind: &str, size: &str) -> Option<Scalar> {
@@ -192,34 +232,30 @@ impl Header {
         })
     }
 
-    /// Finds coordinates and colours; `columnar` when all values of a field lie together.
-    pub fn places(
-        &self,
-        path: &Path,
-        stride: usize,
-        columnar: bool,
-    ) -> Result<([Place; 3], Option<Color<Place>>)> {
+    /// Finds coordinates, colours, intensities and normals; `columnar` when all values of a field lie
+    /// together.
+    pub fn places(&self, path: &Path, stride: usize, columnar: bool) -> Result<Places> {
         let find = |names: &[&str]| {
-            let index =
-                self.fields.iter().position(|f| names.iter().any(|n| f.name.eq_ignore_ascii_case(n)))?;
+            let index = names
+                .iter()
+                .find_map(|n| self.fields.iter().position(|f| n.eq_ignore_ascii_case(&f.name)))?;
             let field = &self.fields[index];
             let before: usize = self.fields[..index].iter().map(|f| f.scalar.size() * f.count).sum();
             let column = self.fields[..index].iter().map(|f| f.count).sum();
             let (step, first) = if columnar {
-                (field.scalar.size() * field.count, before * self.points)
+                (field.scalar.size() * field.count, before.saturating_mul(self.points))
             } else {
                 (stride, before)
             };
             Some(Place { scalar: field.scalar, step, first, column })
         };
-        let (Some(x), Some(y), Some(z)) = (find(&["x"]), find(&["y"]), find(&["z"])) else {
+        let Some(xyz) = three([&["x"], &["y"], &["z"]], find) else {
             let names: Vec<&str> = self.fields.iter().map(|f| f.name.as_str()).collect();
             let found = format!("fields [{}]", names.join(", "));
             return Err(Error::file(path, found, "fields x, y and z", "export the scan with coordinates"));
         };
-        let channels =
-            || Some(Color::Channels([find(&["r", "red"])?, find(&["g", "green"])?, find(&["b", "blue"])?]));
         let packed = find(&["rgb", "rgba"]).filter(|p| p.scalar.size() == 4).map(Color::Packed);
-        Ok(([x, y, z], packed.or_else(channels)))
+        let color = packed.or_else(|| three(RGB, find).map(Color::Channels));
+        Ok(Places { xyz, color, intensity: find(INTENSITY), normal: three(NORMAL, find) })
     }
 }

@@ -1,7 +1,7 @@
 //! The header of a PLY file.
 
-use super::scalar::{Endian, Scalar};
 use crate::error::{Error, Result};
+use crate::io::scalar::{Endian, Scalar};
 use std::path::Path;
 
 /// How the numbers after the header are written.

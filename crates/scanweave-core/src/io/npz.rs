@@ -1,0 +1,192 @@
+//! NPZ archives of arrays (NumPy). Only the arrays that are asked for are unpacked, and of those no
+//! more than their shapes need.
+
+use super::fields::{INTENSITY, Names, RGB, three};
+use super::npy::{self, Array, Color, Column, Columns, View, XYZ};
+use super::npy_header::{self, Header};
+use super::scan_file::{ReadOptions, ScanFile};
+use crate::error::{Error, Result};
+use std::io::{Cursor, Read};
+use std::path::Path;
+use zip::ZipArchive;
+
+/// The arrays of an archive.
+pub(super) struct Archive<'a> {
+    path: &'a Path,
+    zip: ZipArchive<Cursor<&'a [u8]>>,
+}
+
+impl<'a> Archive<'a> {
+    /// # Errors
+    /// [`Error::File`] when it is no archive.
+    pub(super) fn open(path: &'a Path, bytes: &'a [u8]) -> Result<Self> {
+        let zip = ZipArchive::new(Cursor::new(bytes))
+            .map_err(|e| damaged(path, format!("a damaged archive ({e})")))?;
+        Ok(Self { path, zip })
+    }
+
+    /// Names of the arrays, in the archive's order.
+    pub(super) fn keys(&self) -> Vec<String> {
+        self.zip.file_names().filter_map(|n| n.strip_suffix(".npy")).map(str::to_owned).collect()
+    }
+
+    /// The array of this name, `None` where there is none.
+    ///
+    /// # Errors
+    /// [`Error::File`] when it is damaged or holds no numbers.
+    pub(super) fn array(&mut self, key: &str) -> Result<Option<Array>> {
+        let bytes = self.unpack(key)?;
+        bytes.map(|bytes| npy::read_array(self.path, &label(key), &bytes)).transpose()
+    }
+
+    /// The header of an array and no more of it, where it can be read.
+    fn header(&mut self, key: &str) -> Option<Header> {
+        let index = self.zip.index_for_name(&format!("{key}.npy"))?;
+        let mut entry = self.zip.by_index(index).ok()?;
+        let mut bytes = Vec::new();
+        read_header(&mut entry, &mut bytes).ok()?;
+        Some(npy_header::parse(&bytes)?.0)
+    }
+
+    /// The bytes of an array as far as its shape needs them, `None` where there is none of that name.
+    fn unpack(&mut self, key: &str) -> Result<Option<Vec<u8>>> {
+        let path = self.path;
+        let Some(index) = self.zip.index_for_name(&format!("{key}.npy")) else { return Ok(None) };
+        let wrong = |e: &dyn std::fmt::Display| damaged(path, format!("a damaged array '{key}' ({e})"));
+        let mut entry = self.zip.by_index(index).map_err(|e| wrong(&e))?;
+        let mut bytes = Vec::new();
+        read_header(&mut entry, &mut bytes).map_err(|e| wrong(&e))?;
+        // Without a header there is nothing to unpack; who reads the array says so.
+        let Some((header, _)) = npy_header::parse(&bytes) else { return Ok(Some(bytes)) };
+        let promised = entry.size().saturating_sub(bytes.len() as u64);
+        match header.data_bytes() {
+            Some(needed) if needed as u64 <= promised => {
+                // One byte more, as the checksum is compared at the end of the entry.
+                entry.take(needed as u64 + 1).read_to_end(&mut bytes).map_err(|e| wrong(&e))?;
+                Ok(Some(bytes))
+            }
+            _ => Err(npy::too_short(path, &label(key), &header, promised as usize)),
+        }
+    }
+}
+
+/// Reads as far as the header goes.
+fn read_header(entry: &mut impl Read, bytes: &mut Vec<u8>) -> std::io::Result<()> {
+    entry.take(12).read_to_end(bytes)?;
+    let more = npy_header::length(bytes).unwrap_or(0).saturating_sub(bytes.len());
+    entry.take(more as u64).read_to_end(bytes)?;
+    Ok(())
+}
+
+fn label(key: &str) -> String {
+    format!("array '{key}': ")
+}
+
+fn damaged(path: &Path, what: String) -> Error {
+    let remedy = "save it again with numpy.savez, or copy it again";
+    Error::file(path, what, "an NPZ archive of NPY arrays", remedy)
+}
+
+/// Names under which an archive's points are looked for, best first.
+const POINTS: Names = &["points", "xyz", "keypoints", "pcd", "pc"];
+const COLORS: Names = &["colors", "rgb", "color", "colours"];
+const NORMALS: Names = &["normals", "normal"];
+
+/// Reads a cloud from an NPZ archive: the array `points`, `xyz`, …, or three arrays `x`, `y` and `z`, or
+/// the only array that can hold points.
+///
+/// # Errors
+/// [`Error::File`] for a damaged archive or array, [`Error::NotAScan`] where no array holds points.
+pub(super) fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<ScanFile> {
+    let mut archive = Archive::open(path, bytes)?;
+    let keys = archive.keys();
+    let find = |names: Names| names.iter().copied().find(|n| keys.iter().any(|k| k == n));
+    let apart = find(POINTS).is_none().then(|| three(XYZ, find)).flatten();
+    let together = match (find(POINTS), apart) {
+        (Some(key), _) => Some(key),
+        (None, Some(_)) => None,
+        (None, None) => Some(only_points(path, &mut archive, &keys)?),
+    };
+    let points: Vec<&str> = together.into_iter().chain(apart.into_iter().flatten()).collect();
+    let colors = match find(COLORS) {
+        Some(key) => vec![key],
+        None => three(RGB, find).map_or_else(Vec::new, Vec::from),
+    };
+    let attribute = |names: Names| find(names).filter(|_| options.attributes);
+    let (intensity, normals) = (attribute(INTENSITY), attribute(NORMALS));
+
+    let mut unpacked: Vec<(&str, Vec<u8>)> = Vec::new();
+    for &key in points.iter().chain(&colors).chain(&intensity).chain(&normals) {
+        unpacked.extend(archive.unpack(key)?.map(|bytes| (key, bytes)));
+    }
+    let mut views: Vec<(&str, View<'_>)> = Vec::new();
+    for (key, bytes) in &unpacked {
+        views.push((key, View::new(path, &label(key), bytes)?));
+    }
+    let view = |key: &str| views.iter().find(|(k, _)| *k == key).map(|(_, view)| view);
+    let mut columns = match (together.and_then(|key| Some((key, view(key)?))), apart) {
+        (Some((key, view)), _) => view.points().ok_or_else(|| npy::no_points(path, &label(key), view))?,
+        (None, Some(keys)) => {
+            let (xyz, rows) = same_rows(&keys, &view).ok_or_else(|| {
+                let found = "arrays x, y and z that do not belong together";
+                Error::not_a_scan(path, found, "one number of every point in each", "save them so")
+            })?;
+            Columns { rows, xyz, color: None, intensity: None, normal: None }
+        }
+        (None, None) => return Err(no_array(path, &keys)),
+    };
+    let rows = columns.rows;
+    let wide = |key: &str| view(key)?.columns::<3>().filter(|(_, n)| *n == rows).map(|(c, _)| c);
+    let channels = match colors[..] {
+        [key] => wide(key),
+        _ => same_rows(&colors, &view).filter(|(_, n)| *n == rows).map(|(c, _)| c),
+    };
+    columns.color = columns.color.or(channels.map(Color::Channels));
+    let single = |key| view(key)?.columns::<1>().filter(|(_, n)| *n == rows).map(|([c], _)| c);
+    columns.intensity = columns.intensity.or(intensity.and_then(single));
+    columns.normal = columns.normal.or(normals.and_then(wide));
+    Ok(columns.into_file(options))
+}
+
+/// Three arrays of one number a row, and their rows.
+fn same_rows<'a, 'v>(
+    keys: &[&str],
+    view: &impl Fn(&str) -> Option<&'v View<'a>>,
+) -> Option<([Column<'a>; 3], usize)>
+where
+    'a: 'v,
+{
+    let [x, y, z] = keys else { return None };
+    let column = |key: &str| view(key)?.columns::<1>().map(|([c], n)| (c, n));
+    let (x, rows) = column(x)?;
+    let more = |key: &str| column(key).filter(|(_, n)| *n == rows).map(|(c, _)| c);
+    Some(([x, more(y)?, more(z)?], rows))
+}
+
+/// The only array that can hold points by its header.
+fn only_points<'k>(path: &Path, archive: &mut Archive<'_>, keys: &'k [String]) -> Result<&'k str> {
+    if let [only] = keys {
+        return Ok(only);
+    }
+    let mut found = Vec::new();
+    for key in keys {
+        let header = archive.header(key);
+        if header.is_some_and(|h| h.plain().is_some() && matches!(h.shape[..], [_, columns] if columns >= 3))
+        {
+            found.push(key.as_str());
+        }
+    }
+    match found[..] {
+        [only] => Ok(only),
+        _ => Err(no_array(path, keys)),
+    }
+}
+
+fn no_array(path: &Path, keys: &[String]) -> Error {
+    let found = format!("arrays [{}]", keys.join(", "));
+    let expected = "an array named points or xyz, arrays x, y and z, or only one array of points";
+    Error::not_a_scan(path, found, expected, "save the points under that name")
+}
+
+#[cfg(test)]
+mod tests;
