@@ -151,10 +151,10 @@ pub(super) fn find_units(
 fn stated_units(frame: &Frame) -> Result<Option<f64>> {
     for folder in frame.folders() {
         let here = |name: &&str| Some(folder.join(name)).filter(|p| p.is_file());
-        if let Some(path) = SCALE_FILES.iter().find_map(|n| here(&n)) {
+        if let Some(path) = SCALE_FILES.iter().find_map(here) {
             return scale_of(&path).map(Some);
         }
-        let others: Vec<PathBuf> = MAYBE_INTRINSICS_FILES.iter().filter_map(|n| here(&n)).collect();
+        let others: Vec<PathBuf> = MAYBE_INTRINSICS_FILES.iter().filter_map(here).collect();
         let units = others.iter().find_map(|p| read_camera(p).ok().and_then(|c| c.units_per_m));
         if units.is_some() {
             return Ok(units);

@@ -100,7 +100,7 @@ impl Frame {
         // Lower case may be of another length; such names are not those of data sets.
         let (before, after) = (self.stem.get(..at)?, self.stem.get(at + "depth".len()..)?);
         let named = |word: &&str| first_image(&self.folder, &format!("{before}{word}{after}"));
-        COLOR_WORDS.iter().find_map(|word| named(&word))
+        COLOR_WORDS.iter().find_map(named)
     }
 
     /// `color/0.jpg` for `depth/0.png`; `image/0000012-000000400400.jpg` for

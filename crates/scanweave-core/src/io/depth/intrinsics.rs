@@ -184,7 +184,7 @@ fn of_keys(path: &Path, keys: &Keys) -> Result<Camera> {
         intrinsics: stated.map(|(intrinsics, _)| intrinsics),
         size: size.filter(|s| s.iter().all(|v| *v >= 1.0 && v.is_finite())),
         units_per_m,
-        distorted: stated.is_some_and(|(_, distorted)| distorted) || DISTORTION.iter().any(|k| bent(k)),
+        distorted: stated.is_some_and(|(_, distorted)| distorted) || DISTORTION.iter().any(bent),
     })
 }
 
