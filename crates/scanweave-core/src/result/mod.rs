@@ -2,5 +2,7 @@
 
 pub mod merged;
 pub mod overlaps;
+pub mod pose_graph;
 pub mod poses;
 pub mod run;
+pub mod trajectory;
