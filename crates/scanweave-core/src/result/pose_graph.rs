@@ -1,7 +1,8 @@
 //! A component as a pose graph: its scans, what was measured between them, and how firmly.
 //!
 //! Edges are
-//! - the pairs that were registered, where the poses come from a pose graph that is at hand;
+//! - the pairs that were registered, where the poses come from a pose graph that is at hand, all marked as
+//!   uncertain;
 //! - else every scan and its parent: measured is `parent_from_scan`, the pose when the scan joined, or
 //!   where that is not known the relative pose of the result;
 //! - and, marked as uncertain, the scans that touch each other at the final poses: the relative pose
@@ -19,7 +20,7 @@
 
 use crate::geometry::RigidMotion;
 use crate::io::pose_graphs::{GraphEdge, GraphNode, PoseGraphFile};
-use crate::scan::{Placement, PoseGraph, Reconstruction, ScanId};
+use crate::scan::{Placement, PoseEdge, PoseGraph, Reconstruction, ScanId};
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 use std::collections::BTreeMap;
 
@@ -40,7 +41,7 @@ pub fn of_component(
     let members: Vec<(usize, &Placement)> = placed.filter(|(_, p)| p.component == component).collect();
     let node_of: BTreeMap<usize, usize> = members.iter().enumerate().map(|(k, m)| (m.0, k)).collect();
     let mut links = match registered {
-        Some(graph) => registered_links(graph, &members, &node_of),
+        Some(graph) => registered_links(graph, &node_of),
         None => parent_links(&members, &node_of),
     };
     for (j, (_, placement)) in members.iter().enumerate() {
@@ -87,18 +88,12 @@ fn parent_links(members: &[(usize, &Placement)], node_of: &BTreeMap<usize, usize
     members.iter().enumerate().filter_map(link).collect()
 }
 
-/// The registered pairs; those of the strongest tree, which made parents, are certain.
-fn registered_links(
-    graph: &PoseGraph,
-    members: &[(usize, &Placement)],
-    node_of: &BTreeMap<usize, usize>,
-) -> Links {
-    let parents = parent_links(members, node_of);
-    let link = |e: &crate::scan::PoseEdge| {
+/// The registered pairs. Nothing tells which of them are right: a solver may drop any.
+fn registered_links(graph: &PoseGraph, node_of: &BTreeMap<usize, usize>) -> Links {
+    let link = |e: &PoseEdge| {
         let (i, j) = (*node_of.get(&e.i.0)?, *node_of.get(&e.j.0)?);
-        let key = (i.min(j), i.max(j));
-        let link = Link { i, j, measured: Some(*e.i_from_j()), uncertain: !parents.contains_key(&key) };
-        (i != j && e.pair.inliers > 0).then_some((key, link))
+        let link = Link { i, j, measured: Some(*e.i_from_j()), uncertain: true };
+        (i != j && e.pair.inliers > 0).then_some(((i.min(j), i.max(j)), link))
     };
     graph.edges.iter().filter_map(link).collect()
 }

@@ -165,7 +165,7 @@ fn registered_pairs_are_the_edges_of_a_global_method() {
     let graph = of_component(&NAMES, &reconstruction, Some(&registered), 0, RADIUS_M);
     let edges: Vec<_> =
         graph.edges.iter().map(|e| (e.i, e.j, e.i_from_j.translation.vector.x, e.uncertain)).collect();
-    assert_eq!(edges, [(0, 1, 1.0, false), (0, 2, 2.5, true), (1, 2, 1.0, false)]);
+    assert_eq!(edges, [(0, 1, 1.0, true), (0, 2, 2.5, true), (1, 2, 1.0, true)]);
     // The pair that is off by half a metre: 1/(0.1² + 0.5²) along x.
     let along = graph.edges[1].information[(3, 3)];
     assert!((along - 1.0 / 0.26).abs() < 1e-9, "{along}");
