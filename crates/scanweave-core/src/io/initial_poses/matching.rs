@@ -84,7 +84,7 @@ impl<'a> Labels<'a> {
         });
         let by_name = |n: u64| of_names.as_ref().and_then(|m| m.get(&n).copied());
         let by_place = |n: u64| usize::try_from(n).ok().filter(|&k| k < self.names.len());
-        match (scans_by(entries, &by_name), scans_by(entries, &by_place)) {
+        match (scans_by(entries, by_name), scans_by(entries, by_place)) {
             (Some(a), Some(b)) if a != b => {
                 let differs = (0..a.len()).find(|&k| a[k] != b[k]).unwrap_or(0);
                 let (number, at) = (entries[differs].key, &entries[differs].at);
@@ -121,7 +121,7 @@ impl<'a> Labels<'a> {
         let by_place = |stamp: f64| {
             (stamp >= 0.0 && stamp.fract() == 0.0 && stamp < count as f64).then_some(stamp as usize)
         };
-        match scans_by(entries, &by_name).or_else(|| scans_by(entries, &by_place)) {
+        match scans_by(entries, by_name).or_else(|| scans_by(entries, by_place)) {
             Some(scans) => self.assigned(entries, &scans),
             None if entries.len() == count => Ok(entries.iter().map(|e| Some(e.pose)).collect()),
             None => {

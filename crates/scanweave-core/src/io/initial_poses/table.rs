@@ -136,10 +136,9 @@ pub(super) fn read(path: &Path, text: &str) -> Result<Poses> {
     let (mut entries, mut first_component) = (Vec::new(), None);
     for row in rows {
         let Some(pose) = columns.pose(path, row)? else { continue };
-        if let Some(component) = columns.component.map(|k| cell(row, k)) {
-            if *first_component.get_or_insert_with(|| component.clone()) != component {
-                continue;
-            }
+        let component = columns.component.map(|k| cell(row, k));
+        if *first_component.get_or_insert_with(|| component.clone()) != component {
+            continue;
         }
         let key: Vec<String> = columns.keys.iter().map(|&k| cell(row, k)).filter(|n| !n.is_empty()).collect();
         entries.push(Entry { key, pose, at: format!("line {}", row.0) });
