@@ -1,5 +1,6 @@
 //! `scanweave demo`.
 
+use super::export::ExportOptions;
 use super::options::{SettingOptions, ThreadOption};
 use super::progress::Progress;
 use super::result_folder::ResultFolder;
@@ -82,7 +83,8 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
         ))?;
     }
     if let Some(folder) = folder {
-        folder.write(&set.scans, &run, &config, Stopwatch::default(), &progress)?;
+        let exports = ExportOptions::default();
+        folder.write(&set.scans, &run, &config, &exports, Stopwatch::default(), &progress)?;
         let cloud = MergedCloud::new(&set.scans, &run.reconstruction, 0, run.scale.voxel_m as f32);
         let picture = top_view::svg(&cloud, set.scans.len());
         io::atomic::write(&folder.path().join("top_view.svg"), |out| out.write_all(picture.as_bytes()))?;

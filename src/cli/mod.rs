@@ -13,6 +13,7 @@ mod evaluate_retrieval;
 mod evaluate_set;
 mod evaluate_text;
 mod evaluate_truth;
+mod export;
 mod fuse;
 mod ground_truth;
 mod import_weights;
@@ -65,6 +66,7 @@ pub struct Verbosity {
 enum Command {
     Register(register::Arguments),
     Report(report::Arguments),
+    Export(export::Arguments),
     Inspect(inspect::Arguments),
     Demo(demo::Arguments),
     Describe(describe::Arguments),
@@ -88,6 +90,7 @@ pub fn run(cli: Cli) -> anyhow::Result<Status> {
     match cli.command {
         Command::Register(arguments) => register::run(arguments, &cli.verbosity),
         Command::Report(arguments) => report::run(&arguments, &cli.verbosity),
+        Command::Export(arguments) => export::run(&arguments, &cli.verbosity),
         Command::Inspect(arguments) => inspect::run(&arguments, &cli.verbosity),
         Command::Demo(arguments) => demo::run(arguments, &cli.verbosity),
         Command::Describe(arguments) => describe::run(&arguments, &cli.verbosity),

@@ -1,5 +1,6 @@
 //! `scanweave register`.
 
+use super::export::ExportOptions;
 use super::options::{PriorOptions, ReadingOptions, SettingOptions, ThreadOption, word};
 use super::progress::Progress;
 use super::result_folder::ResultFolder;
@@ -60,6 +61,8 @@ pub struct Arguments {
     #[command(flatten)]
     threads: ThreadOption,
     #[command(flatten)]
+    exports: ExportOptions,
+    #[command(flatten)]
     settings: SettingOptions,
 }
 
@@ -87,7 +90,7 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
         if config.output.feature_cache { PairCache::in_folder(&cache) } else { PairCache::in_memory() };
     let run = pipeline::run_with_pairs(&scans, &config, &source, &pairs, &progress)?;
     outcome::warn(&run, &scans);
-    let written = folder.write(&scans, &run, &config, clock, &progress)?;
+    let written = folder.write(&scans, &run, &config, &arguments.exports, clock, &progress)?;
 
     if arguments.json {
         terminal::print(&written.to_json(folder.path()))?;

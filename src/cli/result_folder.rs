@@ -1,5 +1,6 @@
 //! The output folder of a registration.
 
+use super::export::{self, ExportOptions};
 use scanweave::config::Config;
 use scanweave::geometry::RigidMotion;
 use scanweave::pipeline::{Run, Stopwatch};
@@ -59,6 +60,7 @@ impl ResultFolder {
         scans: &[Scan],
         run: &Run,
         config: &Config,
+        exports: &ExportOptions,
         mut clock: Stopwatch,
         monitor: &dyn Monitor,
     ) -> Result<Written> {
@@ -70,6 +72,11 @@ impl ResultFolder {
         clock.time("writing", || -> Result<()> {
             self.write_clouds(scans, run, config)?;
             self.write_text(OVERLAP, &overlaps::csv(&run.similarity, &poses))?;
+            let registration = export::Registration {
+                inlier_radius_m: run.scale.inlier_radius_m,
+                pose_graph: run.pose_graph.as_ref(),
+            };
+            exports.write(&self.path, &poses, &registration)?;
             self.write_text(CONFIG, &settings)
         })?;
         let mut report = report(scans, run, config, &poses, clock);
@@ -105,15 +112,18 @@ impl ResultFolder {
                 result => Ok(result.is_ok()),
             }
         };
+        // Files for other programs go first, and only with a result: without one, an images.txt is not ours.
+        if self.path.join(POSES).exists() {
+            remove_each(&export::files, &remove)?;
+        }
         remove(POSES)?;
         remove(PAGE)?;
-        for component in 1.. {
-            let trajectory = remove(&numbered("trajectory", component, "log"))?;
-            if !(remove(&numbered("merged", component, "ply"))? || trajectory) {
-                return Ok(());
-            }
-        }
-        Ok(())
+        let of_component = |component| match component {
+            // Those of the first component are replaced.
+            0 => Vec::new(),
+            n => [("trajectory", "log"), ("merged", "ply")].map(|(s, e)| numbered(s, n, e)).to_vec(),
+        };
+        remove_each(&of_component, &remove)
     }
 
     /// A trajectory and a merged cloud for every component; the first carries no number.
@@ -160,8 +170,19 @@ pub fn merged_files(folder: &Path, components: usize) -> Vec<PathBuf> {
     (0..components).map(|c| folder.join(numbered("merged", c, "ply"))).collect()
 }
 
+/// Removes the files of component after component, as long as there are any.
+fn remove_each(files: &dyn Fn(usize) -> Vec<String>, remove: &dyn Fn(&str) -> Result<bool>) -> Result<()> {
+    for component in 0.. {
+        let removed = files(component).iter().map(|name| remove(name)).collect::<Result<Vec<bool>>>()?;
+        if component > 0 && !removed.contains(&true) {
+            break;
+        }
+    }
+    Ok(())
+}
+
 /// `merged.ply` of the first component, `merged_1.ply` of the second.
-fn numbered(stem: &str, component: usize, extension: &str) -> String {
+pub fn numbered(stem: &str, component: usize, extension: &str) -> String {
     match component {
         0 => format!("{stem}.{extension}"),
         n => format!("{stem}_{n}.{extension}"),

@@ -65,7 +65,7 @@ pub struct InfoEntry {
 }
 
 /// Lines that hold something, with their numbers from 1.
-fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let numbered = text.lines().enumerate().map(|(i, l)| (i + 1, l.trim()));
     numbered.filter(|(_, l)| !l.is_empty() && !l.starts_with('#'))
 }
@@ -75,16 +75,16 @@ pub(super) fn read_text(path: &Path) -> Result<String> {
     Ok(String::from_utf8_lossy(&bytes).trim_start_matches('\u{feff}').to_owned())
 }
 
-fn numbers(line: &str) -> Option<Vec<f64>> {
+pub(super) fn numbers(line: &str) -> Option<Vec<f64>> {
     line.split(|c: char| c.is_whitespace() || c == ',').filter(|w| !w.is_empty()).map(parse_number).collect()
 }
 
-fn bad_line(path: &Path, (number, line): (usize, &str), expected: impl Into<String>) -> Error {
+pub(super) fn bad_line(path: &Path, (number, line): (usize, &str), expected: impl Into<String>) -> Error {
     let found = format!("line {number} '{}'", line.chars().take(80).collect::<String>());
     Error::file(path, found, expected, "correct that line or write the file again")
 }
 
-fn repaired(path: &Path, what: &str, rows: &[f64]) -> Result<(RigidMotion, f64)> {
+pub(super) fn repaired(path: &Path, what: &str, rows: &[f64]) -> Result<(RigidMotion, f64)> {
     let matrix =
         Matrix4::from_fn(|r, c| rows.get(4 * r + c).copied().unwrap_or(if c == 3 { 1.0 } else { 0.0 }));
     motion_from_matrix(&matrix, ORTHONORMAL_TOLERANCE).ok_or_else(|| {
@@ -286,7 +286,7 @@ pub fn read_tum(path: impl AsRef<Path>) -> Result<Repaired<Vec<(f64, RigidMotion
 }
 
 /// From `[tx ty tz]` and `[qx qy qz qw]`, with how far the quaternion's length was from one.
-fn motion_from_quaternion(t: &[f64], q: &[f64]) -> Option<(RigidMotion, f64)> {
+pub(super) fn motion_from_quaternion(t: &[f64], q: &[f64]) -> Option<(RigidMotion, f64)> {
     let q = Quaternion::new(*q.get(3)?, q[0], q[1], q[2]);
     let off = (q.norm() - 1.0).abs();
     if off.is_nan() || off > ORTHONORMAL_TOLERANCE || t.iter().any(|v| !v.is_finite()) {

@@ -2,6 +2,8 @@
 
 pub mod merged;
 pub mod overlaps;
+pub mod pose_graph;
 pub mod poses;
 pub mod run;
 pub mod scans;
+pub mod trajectory;

@@ -1,0 +1,34 @@
+#!/usr/bin/env bash
+# Reads what `register --trajectory --pose-graph` and `export` write with programs that are not ours: numpy,
+# Open3D, plyfile. Takes the binary to test (target/release/scanweave) and a Python environment that has
+# them; without one, a throw-away environment is made and the packages that can be had are installed.
+# What cannot be had is skipped with a line that says so.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+scanweave="$(realpath "${1:-${CARGO_TARGET_DIR:-target}/release/scanweave}")"
+work="$(mktemp -d)"
+trap 'rm -rf "$work"' EXIT
+
+if [[ -n "${2:-}" ]]; then
+    python="$2/bin/python"
+else
+    python3 -m venv "$work/environment"
+    python="$work/environment/bin/python"
+    for package in numpy plyfile pye57 laspy open3d; do
+        "$python" -m pip install -q --disable-pip-version-check "$package" 2>"$work/pip.log" ||
+            echo "skipped: pip cannot install $package: $(tail -n 1 "$work/pip.log")"
+    done
+fi
+
+# Two buildings, so that there are two components, and a scan of neither.
+"$scanweave" synth -q --seed 0 --scans 5 --unrelated 1 --rooms 1 --noise 0.3 -o "$work/one"
+"$scanweave" synth -q --seed 1 --scans 4 --rooms 1 --noise 0.3 -o "$work/two"
+"$scanweave" register -q "$work/one" "$work/two" -o "$work/result" \
+    --trajectory tum,kitti,csv,colmap --pose-graph g2o,open3d
+"$scanweave" export -q "$work/result" -o "$work/exported" \
+    --trajectory tum,kitti,csv,colmap --pose-graph g2o,open3d
+# A method whose edges are the registered pairs.
+"$scanweave" register -q "$work/one" -o "$work/global" --method eigse3 \
+    --trajectory tum,kitti,csv,colmap --pose-graph g2o,open3d
+"$python" scripts/check_exports.py "$work/result" "$work/exported" --poses "$work/result/poses.json"
+"$python" scripts/check_exports.py "$work/global" --poses "$work/global/poses.json"

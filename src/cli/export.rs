@@ -1,0 +1,160 @@
+//! `scanweave export`, and the files for other programs that `register` writes with a result.
+
+use super::result_folder::{POSES, REPORT, numbered};
+use super::{Status, Verbosity, terminal};
+use clap::{Args, ValueEnum};
+use scanweave::io::{pose_graphs, trajectories};
+use scanweave::result::poses::Document;
+use scanweave::result::run::RunReport;
+use scanweave::result::{pose_graph, trajectory};
+use scanweave::scan::PoseGraph;
+use scanweave::{Error, Result};
+use std::path::{Path, PathBuf};
+
+/// Write the poses of an existing result for other programs.
+///
+/// Every component has files of its own: trajectory.tum of the first, trajectory_1.tum of the second, as
+/// poses of different components are unrelated. Scans without a pose are left out.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Output folder of `register`.
+    #[arg(value_name = "RESULT")]
+    result: PathBuf,
+    /// Folder for the files. Default: that of the result.
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    exports: ExportOptions,
+}
+
+/// What is written for other programs.
+#[derive(Debug, Default, Args)]
+#[command(next_help_heading = "Files for other programs")]
+pub struct ExportOptions {
+    /// Write the poses, in one format or several with commas between: tum (trajectory.tum), kitti
+    /// (trajectory_kitti.txt, and the scans' names in trajectory_kitti_names.txt), csv
+    /// (trajectory.csv), colmap (images.txt).
+    #[arg(long, value_name = "FORMAT", value_delimiter = ',', hide_possible_values = true)]
+    pub trajectory: Vec<TrajectoryFormat>,
+    /// Write scans and their relative poses with information matrices: g2o (pose_graph.g2o), open3d
+    /// (pose_graph.json).
+    #[arg(long, value_name = "FORMAT", value_delimiter = ',', hide_possible_values = true)]
+    pub pose_graph: Vec<GraphFormat>,
+}
+
+/// A format of trajectories.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum TrajectoryFormat {
+    Tum,
+    Kitti,
+    Csv,
+    Colmap,
+}
+
+/// A format of pose graphs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum GraphFormat {
+    G2o,
+    Open3d,
+}
+
+impl TrajectoryFormat {
+    fn file(self, component: usize) -> String {
+        match self {
+            Self::Tum => numbered("trajectory", component, "tum"),
+            Self::Kitti => numbered("trajectory_kitti", component, "txt"),
+            Self::Csv => numbered("trajectory", component, "csv"),
+            Self::Colmap => numbered("images", component, "txt"),
+        }
+    }
+}
+
+impl GraphFormat {
+    fn file(self, component: usize) -> String {
+        match self {
+            Self::G2o => numbered("pose_graph", component, "g2o"),
+            Self::Open3d => numbered("pose_graph", component, "json"),
+        }
+    }
+}
+
+/// Names of all files that may be written for a component.
+pub fn files(component: usize) -> Vec<String> {
+    let trajectories = TrajectoryFormat::value_variants().iter().map(|f| f.file(component));
+    let graphs = GraphFormat::value_variants().iter().map(|f| f.file(component));
+    let names = trajectories::names_file(Path::new(&TrajectoryFormat::Kitti.file(component)));
+    trajectories.chain(graphs).chain([names.to_string_lossy().into_owned()]).collect()
+}
+
+/// What pose graphs need to know beside the poses.
+pub struct Registration<'a> {
+    /// τ, metres.
+    pub inlier_radius_m: f64,
+    /// The pairs of a global method.
+    pub pose_graph: Option<&'a PoseGraph>,
+}
+
+impl ExportOptions {
+    /// Whether nothing is asked for.
+    pub fn is_empty(&self) -> bool {
+        self.trajectory.is_empty() && self.pose_graph.is_empty()
+    }
+
+    /// Writes what is asked for into `folder`; returns the names of the files.
+    pub fn write(
+        &self,
+        folder: &Path,
+        document: &Document,
+        registration: &Registration<'_>,
+    ) -> Result<Vec<String>> {
+        let names = trajectory::names(document);
+        let reconstruction = document.reconstruction()?;
+        let mut written = Vec::new();
+        for component in 0..document.components.len().max(1) {
+            let scans = trajectory::placed_scans(document, component)?;
+            for format in &self.trajectory {
+                let file = format.file(component);
+                let path = folder.join(&file);
+                match format {
+                    TrajectoryFormat::Tum => trajectories::write_tum(path, &scans, &names)?,
+                    TrajectoryFormat::Kitti => trajectories::write_kitti(path, &scans)?,
+                    TrajectoryFormat::Csv => trajectories::write_csv(path, &scans)?,
+                    TrajectoryFormat::Colmap => trajectories::write_images(path, &scans)?,
+                }
+                written.push(file);
+            }
+            for format in &self.pose_graph {
+                let radius_m = registration.inlier_radius_m;
+                let pairs = registration.pose_graph;
+                let graph = pose_graph::of_component(&names, &reconstruction, pairs, component, radius_m);
+                let file = format.file(component);
+                match format {
+                    GraphFormat::G2o => pose_graphs::write_g2o(folder.join(&file), &graph)?,
+                    GraphFormat::Open3d => pose_graphs::write_open3d(folder.join(&file), &graph)?,
+                }
+                written.push(file);
+            }
+        }
+        Ok(written)
+    }
+}
+
+pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    if arguments.exports.is_empty() {
+        let expected = "--trajectory tum,kitti,csv,colmap or --pose-graph g2o,open3d, or several of these";
+        return Err(Error::setting("export", "nothing to write", expected, "add one of these flags").into());
+    }
+    let document = Document::load(&arguments.result.join(POSES))?;
+    let inlier_radius_m = match arguments.exports.pose_graph.is_empty() {
+        true => 0.0,
+        false => RunReport::load(&arguments.result.join(REPORT))?.scale.inlier_radius_m,
+    };
+    let folder = arguments.output.as_deref().unwrap_or(&arguments.result);
+    std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+    let registration = Registration { inlier_radius_m, pose_graph: None };
+    let written = arguments.exports.write(folder, &document, &registration)?;
+    if !verbosity.quiet {
+        terminal::print_line(&format!("written  {}: {}", folder.display(), written.join(", ")))?;
+    }
+    Ok(Status::Success)
+}
