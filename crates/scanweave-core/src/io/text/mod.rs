@@ -48,7 +48,8 @@ pub(super) fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<S
     let mut notes = columns.notes(&head, options, colors.is_some());
     notes.extend(grammar_note(&grammar, &table, head.width));
     notes.append(&mut table.notes);
-    Ok(ScanFile { scans: scans(&table, &columns, colors.as_deref()), notes })
+    let scans = scans(&table, &columns, colors.as_deref());
+    Ok(notes.into_iter().fold(ScanFile::of(scans), ScanFile::with))
 }
 
 /// Refuses rows that are poses, an index or times, where nothing says that they are coordinates.
