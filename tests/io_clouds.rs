@@ -249,7 +249,9 @@ fn truncated_and_miscounted_ply_say_what_was_found() {
 
     let text = format!("ply\nformat ascii 1.0\nelement vertex 3\n{XYZ}end_header\n1 2 3\n4 5 6\n");
     assert!(failure("a.ply", &text).contains("2 of 3 complete vertex rows"));
-    assert!(failure("b.ply", text.replace("vertex 3", "vertex 1")).contains("3 values after the vertex rows"));
+    assert!(
+        failure("b.ply", text.replace("vertex 3", "vertex 1")).contains("3 values after the vertex rows")
+    );
     assert!(failure("c.ply", text.replace("4 5 6", "4 5")).contains("1 of 3 complete vertex rows"));
     assert!(failure("d.ply", text.replace("4 5 6", "4 five 6")).contains("vertex row 2"));
     assert!(failure("e.ply", text.replace("vertex 3", "vertex -3")).contains("'element vertex -3'"));

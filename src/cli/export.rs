@@ -1,11 +1,15 @@
 //! `scanweave export`, and the files for other programs that `register` writes with a result.
 
-use super::result_folder::{POSES, REPORT, numbered};
+use super::options::word;
+use super::progress::Progress;
+use super::report::read_as_before;
+use super::result_folder::{CONFIG, POSES, REPORT, numbered};
 use super::{Status, Verbosity, terminal};
 use clap::{Args, ValueEnum};
 use scanweave::io::{pose_graphs, trajectories};
 use scanweave::result::poses::Document;
 use scanweave::result::run::RunReport;
+use scanweave::result::scans::{ScanFormat, export_scans};
 use scanweave::result::{pose_graph, trajectory};
 use scanweave::scan::PoseGraph;
 use scanweave::{Error, Result};
@@ -25,6 +29,17 @@ pub struct Arguments {
     output: Option<PathBuf>,
     #[command(flatten)]
     exports: ExportOptions,
+    /// Write every placed scan whole, moved into the frame of its component, with colour, intensity and
+    /// normals, into this folder. The files of the scans are read again, one at a time.
+    #[arg(long, value_name = "DIR", requires = "format")]
+    export_scans: Option<PathBuf>,
+    /// Format of the scans: ply, pcd, las or laz (without normals), one file a scan; or e57, one file
+    /// with all scans of a component and their poses.
+    #[arg(long, value_name = "FORMAT", value_parser = word::<ScanFormat>, requires = "export_scans")]
+    format: Option<ScanFormat>,
+    /// Replace exported scans that are already there.
+    #[arg(long)]
+    force: bool,
 }
 
 /// What is written for other programs.
@@ -140,11 +155,24 @@ impl ExportOptions {
 }
 
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
-    if arguments.exports.is_empty() {
-        let expected = "--trajectory tum,kitti,csv,colmap or --pose-graph g2o,open3d, or several of these";
+    if arguments.exports.is_empty() && arguments.export_scans.is_none() {
+        let expected = "--trajectory tum,kitti,csv,colmap, --pose-graph g2o,open3d, or --export-scans DIR \
+                        --format ply, or several of these";
         return Err(Error::setting("export", "nothing to write", expected, "add one of these flags").into());
     }
     let document = Document::load(&arguments.result.join(POSES))?;
+    if let (Some(folder), Some(format)) = (&arguments.export_scans, arguments.format) {
+        let options = read_as_before(&arguments.result.join(CONFIG))?;
+        let progress = Progress::start(verbosity)?;
+        let files = export_scans(&document, &options, folder, format, arguments.force, &progress)?;
+        if !verbosity.quiet {
+            let n = files.len();
+            terminal::print_line(&format!("written  {}: {n} files of scans", folder.display()))?;
+        }
+    }
+    if arguments.exports.is_empty() {
+        return Ok(Status::Success);
+    }
     let inlier_radius_m = match arguments.exports.pose_graph.is_empty() {
         true => 0.0,
         false => RunReport::load(&arguments.result.join(REPORT))?.scale.inlier_radius_m,

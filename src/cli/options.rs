@@ -162,7 +162,12 @@ impl PriorOptions {
             scans.iter_mut().for_each(|scan| {
                 scan.initial_pose.get_or_insert_default();
             });
+            return Ok(());
         }
+        let names: Vec<String> = scans.iter().map(|s| s.name.clone()).collect();
+        let files: Vec<Option<PathBuf>> = scans.iter().map(|s| s.path.clone()).collect();
+        let given = io::initial_poses::read(source, &names, &files)?;
+        scans.iter_mut().zip(given).for_each(|(scan, pose)| scan.initial_pose = pose);
         Ok(())
     }
 }

@@ -103,7 +103,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
 }
 
 /// How the scans were read, from the settings of the result.
-fn read_as_before(config_file: &Path) -> scanweave::Result<ReadOptions> {
+pub fn read_as_before(config_file: &Path) -> scanweave::Result<ReadOptions> {
     let mut layers = Layers::new::<Config>();
     layers.add_file(config_file)?;
     Ok(Config::from_layers(&layers)?.input)

@@ -35,7 +35,8 @@ fn obj_vertices_with_colours_and_normals() {
     assert_eq!(read_cloud.points, points(&[[-1.5, 0.2, 3.0], [4.0, 5.0, 6.0]]));
     assert_eq!(read_cloud.normals, Some(vec![Direction::new(0.0, 0.6, -0.8), Direction::x()]));
     assert!(read_as("a.obj", text).unwrap().notes.is_empty(), "points without surfaces are a cloud");
-    let bare = read(Path::new("a.obj"), Path::new("a.obj"), text.as_bytes(), &ReadOptions::default()).unwrap();
+    let bare =
+        read(Path::new("a.obj"), Path::new("a.obj"), text.as_bytes(), &ReadOptions::default()).unwrap();
     assert_eq!(bare.scans[0].cloud.normals, None);
 
     let with = |a: &str, b: &str| cloud("a.obj", format!("v 1 2 3 {a}\nv 4 5 6 {b}\nvn 0 0 1\nf 1 2 1\n"));
