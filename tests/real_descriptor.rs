@@ -6,7 +6,7 @@ use real_common::data;
 use scanweave::descriptor::{self, DescriptorConfig};
 use scanweave::geometry::Point;
 use scanweave::preprocessing::ScaleConfig;
-use scanweave::scan::{PointCloud, Scan, ScanId};
+use scanweave::scan::{PointCloud, Scan};
 use std::path::PathBuf;
 use std::time::Instant;
 

@@ -4,7 +4,7 @@ use std::io::{Cursor, Write};
 
 const PLY: &[u8] = b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n\
                      property float z\nend_header\n1 2 3\n4 5 6\n";
-const XYZ: &[u8] = b"1 2 3\n4 5 6\n7 8 9\n";
+const XYZ: &[u8] = b"1 2 3\n4 5 6\n7 8 9\n1 0 0\n0 1 0\n0 0 1\n2 5 1\n3 3 3\n7 1 4\n5 2 6\n9 8 2\n4 4 1\n";
 
 fn gzip(content: &[u8]) -> Vec<u8> {
     let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
@@ -44,16 +44,16 @@ fn failure(name: &str, bytes: &[u8]) -> String {
 fn one_scan_in_a_packed_file() {
     assert_eq!(points("a.ply.gz", &gzip(PLY)), 2);
     // The name inside tells plain text; the content tells everything else.
-    assert_eq!(points("a.xyz.GZ", &gzip(XYZ)), 3);
+    assert_eq!(points("a.xyz.GZ", &gzip(XYZ)), 12);
     assert_eq!(points("a.gz", &gzip(PLY)), 2);
     // A gzip file may be several, one after the other.
-    assert_eq!(points("a.xyz.gz", &[gzip(XYZ), gzip(XYZ)].concat()), 6);
-    assert_eq!(points("a.zip", &archive(&[("scans/a.xyz", XYZ)])), 3);
+    assert_eq!(points("a.xyz.gz", &[gzip(XYZ), gzip(XYZ)].concat()), 24);
+    assert_eq!(points("a.zip", &archive(&[("scans/a.xyz", XYZ)])), 12);
     let mac =
         archive(&[("readme.md", b"notes"), ("a.ply", PLY), ("__MACOSX/._a.ply", b"x"), (".b.ply", b"x")]);
     assert_eq!(points("a.zip", &mac), 2);
     // Where there is one file only, its name need not tell.
-    assert_eq!(points("a.zip", &archive(&[("a.txt", XYZ)])), 3);
+    assert_eq!(points("a.zip", &archive(&[("a.txt", XYZ)])), 12);
 }
 
 #[test]
