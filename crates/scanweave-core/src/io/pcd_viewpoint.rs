@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 const SAMPLES: usize = 1000;
 /// The share of points left out on each side of the box, so that single wild points do not stretch it.
 const TAIL: f64 = 0.01;
-/// A sensor further away than this many extents of what it saw is not believed: a scanner of 100 m reach
+/// A sensor further away than this many extents of what it saw is not plausible: a scanner of 100 m reach
 /// and a thing of 10 m, seen alone.
 const FURTHEST_IN_EXTENTS: f64 = 10.0;
 

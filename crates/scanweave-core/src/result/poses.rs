@@ -79,8 +79,8 @@ pub struct Pose {
     pub component: usize,
     /// Growth step at which the scan joined; 0 for the pivot.
     pub step: usize,
-    /// 4×4, row by row: takes coordinates of the file to those of the
-    /// frame of its component, see docs/poses-json.md.
+    /// 4×4, row by row: takes coordinates of the file to those of
+    /// its component, see docs/poses-json.md.
     pub world_from_scan: [[f64; 4]; 4],
     /// The rotation again, as a unit quaternion x, y, z, w with w ≥ 0.
     pub quaternion_xyzw: [f64; 4],

@@ -49,8 +49,10 @@ pub(in crate::io) fn is_depth(path: &Path) -> bool {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let image = has_extension(path, &READ) || has_extension(path, &NOT_READ);
     // A data set may be named after colours; a folder of colour images has no other word in its name.
-    let of_others = words(&folder).all(|w| is_other(w) || FOLDER_WORDS.contains(&w));
-    image && !(of_others && words(&folder).any(is_other)) && !words(&stem).any(is_other)
+    // Only whole words of it count: what a folder is called may hold any letters.
+    let other = |w: &str| OTHER_WORDS.contains(&w) || COLOR.contains(&w.trim_end_matches('s'));
+    let of_others = words(&folder).all(|w| other(w) || FOLDER_WORDS.contains(&w));
+    image && !(of_others && words(&folder).any(other)) && !words(&stem).any(is_other)
 }
 
 fn words(name: &str) -> impl Iterator<Item = &str> {

@@ -354,4 +354,7 @@ fn names_tell_depth_from_other_images() {
     assert_eq!(find(&["1.tif"]), ["1.tif"]);
     assert!(is_depth(Path::new("rgb_dataset/1.png")) && !is_depth(Path::new("color_images/1.png")));
     assert!(!is_depth(Path::new("label-filt/1.png")) && is_depth(Path::new("1.png")));
+    // Letters inside another word of a folder say nothing, as a temporary folder's may be any.
+    assert!(is_depth(Path::new(".tmprgbiKG/frame-1.depth.png")) && is_depth(Path::new("colorado/1.png")));
+    assert!(!is_depth(Path::new("colors/1.png")) && !is_depth(Path::new("scan/frame-1.color.png")));
 }

@@ -67,7 +67,7 @@ impl Watch {
         Self { rows: 0, columns: [column; 3], poses, last_time: f64::NEG_INFINITY, largest_last: 0.0 }
     }
 
-    /// Looks at one more row and its first three numbers.
+    /// Takes in one more row and its first three numbers.
     #[inline]
     pub(super) fn add(&mut self, first_three: [f64; 3], fields: &[&str], grammar: &Grammar) {
         for (column, value) in self.columns.iter_mut().zip(first_three) {
