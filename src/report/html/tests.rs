@@ -31,7 +31,7 @@ fn named(names: &[&str], outcomes: Vec<Outcome>) -> Document {
         id: ScanId(i),
         name: (*name).to_owned(),
         path: Some(name.into()),
-        cloud: PointCloud::default(),
+        ..Scan::default()
     };
     let scans: Vec<Scan> = names.iter().enumerate().map(scan).collect();
     Document::new(&scans, &Reconstruction { outcomes }, 0.07)

@@ -11,7 +11,7 @@ fn write(folder: &Path, name: &str, content: &[u8]) -> PathBuf {
 }
 
 fn one(path: &Path) -> Content {
-    inspect(path).unwrap().remove(0).content
+    inspect(path, &ReadOptions::default()).unwrap().remove(0).content
 }
 
 #[test]
@@ -28,7 +28,7 @@ fn a_scan_tells_its_size_colour_box_and_spacing() {
     assert_eq!((scan.points, scan.dropped_rows, scan.colors), (9, 1, true));
     assert_eq!(scan.box_m, Some([[0.0, -1.0, 2.0], [4.0, -1.0, 2.0]]));
     assert!((scan.spacing_m.unwrap() - 0.5).abs() < 1e-6);
-    let table = super::text(&inspect(&path).unwrap(), Some(200));
+    let table = super::text(&inspect(&path, &ReadOptions::default()).unwrap(), Some(200));
     for part in ["row.xyz", "4.00 m × 0.00 mm × 0.00 mm", "50.0 cm", "yes", "points"] {
         assert!(table.contains(part), "{part} is missing in\n{table}");
     }
@@ -51,7 +51,7 @@ fn features_and_clouds_in_archives_are_told_apart() {
     npz.finish().unwrap();
     assert!(matches!(one(&cloud), Content::Scan(ScanContent { points: 2, .. })));
     // A folder is all that is in it.
-    assert_eq!(inspect(place.path()).unwrap().len(), 2);
+    assert_eq!(inspect(place.path(), &ReadOptions::default()).unwrap().len(), 2);
 }
 
 #[test]
@@ -65,14 +65,16 @@ fn a_shipped_checkpoint_is_told_with_its_papers_and_a_damaged_one_is_refused() {
         let header = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
         assert_eq!(8 + header + 4 * found.parameters, bytes.len());
         assert!(found.tensors.iter().all(|t| t.range.is_some_and(|[a, b]| a <= b) && t.not_finite == 0));
-        let table = super::text(&inspect(&path).unwrap(), Some(160));
+        let table = super::text(&inspect(&path, &ReadOptions::default()).unwrap(), Some(160));
         assert!(table.contains("checksum right") && table.contains(&found.tensors[0].name), "{table}");
         // One flipped bit of the last number.
         let mut bytes = bytes;
         *bytes.last_mut().unwrap() ^= 1;
         let place = tempfile::tempdir().unwrap();
         let damaged = write(place.path(), "bad.safetensors", &bytes);
-        assert!(inspect(&damaged).unwrap_err().to_string().contains("bad.safetensors"));
+        assert!(
+            inspect(&damaged, &ReadOptions::default()).unwrap_err().to_string().contains("bad.safetensors")
+        );
     }
 }
 
@@ -88,7 +90,7 @@ fn a_foreign_checkpoint_is_listed_as_it_is() {
     assert!(!found.ours);
     let tensor = &found.tensors[0];
     assert_eq!((tensor.range, tensor.mean, tensor.not_finite), (Some([-3.0, 1.0]), Some(-1.0), 1));
-    let table = super::text(&inspect(&path).unwrap(), Some(160));
+    let table = super::text(&inspect(&path, &ReadOptions::default()).unwrap(), Some(160));
     assert!(table.contains("author") && table.contains("not finite") && !table.contains('\u{1b}'), "{table}");
 }
 
@@ -103,10 +105,15 @@ fn what_cannot_be_read_is_one_error_that_names_it() {
         ("poses.json", b"{}"),
     ] {
         let path = write(place.path(), name, content);
-        let error = inspect(&path).unwrap_err().to_string();
+        let error = inspect(&path, &ReadOptions::default()).unwrap_err().to_string();
         assert!(error.contains(name), "{error}");
         fs::remove_file(path).unwrap();
     }
-    assert!(inspect(&place.path().join("none.ply")).unwrap_err().to_string().contains("none.ply"));
-    assert!(inspect(place.path()).is_err());
+    assert!(
+        inspect(&place.path().join("none.ply"), &ReadOptions::default())
+            .unwrap_err()
+            .to_string()
+            .contains("none.ply")
+    );
+    assert!(inspect(place.path(), &ReadOptions::default()).is_err());
 }
