@@ -7,12 +7,13 @@ use predicates::prelude::*;
 use predicates::str::contains;
 use std::path::Path;
 
-const FILES: [&str; 8] = [
+const FILES: [&str; 9] = [
     "cache",
     "config.toml",
     "merged.ply",
     "overlap.csv",
     "poses.json",
+    "registration.html",
     "report.html",
     "report.json",
     "trajectory.log",
@@ -35,7 +36,9 @@ fn a_result_is_whole_reproducible_kept_and_only_replaced_by_force() {
         .stderr("");
     assert_eq!(names(&one), FILES);
     register(&scans, &two, &["--threads", "2", "--seed", "3"]).success();
-    for file in ["poses.json", "trajectory.log", "merged.ply", "overlap.csv", "config.toml"] {
+    for file in
+        ["poses.json", "trajectory.log", "merged.ply", "overlap.csv", "config.toml", "registration.html"]
+    {
         let read = |folder: &Path| std::fs::read(folder.join(file)).unwrap();
         assert!(read(&one) == read(&two), "{file} differs between 1 and 2 threads");
     }

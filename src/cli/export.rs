@@ -2,7 +2,7 @@
 
 use super::options::word;
 use super::progress::Progress;
-use super::report::read_as_before;
+use super::report::settings;
 use super::result_folder::{CONFIG, POSES, REPORT, numbered};
 use super::{Status, Verbosity, terminal};
 use clap::{Args, ValueEnum};
@@ -162,7 +162,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     }
     let document = Document::load(&arguments.result.join(POSES))?;
     if let (Some(folder), Some(format)) = (&arguments.export_scans, arguments.format) {
-        let options = read_as_before(&arguments.result.join(CONFIG))?;
+        let options = settings(&arguments.result.join(CONFIG))?.input;
         let progress = Progress::start(verbosity)?;
         let files = export_scans(&document, &options, folder, format, arguments.force, &progress)?;
         if !verbosity.quiet {

@@ -15,9 +15,9 @@ use std::path::PathBuf;
 
 /// Register scans: poses with evidence, and one merged cloud.
 ///
-/// Writes report.html (open it in a browser), poses.json, trajectory.log, merged.ply, overlap.csv,
-/// config.toml and report.json into the output folder, and keeps features and registered pairs in
-/// its cache/ so that a second run is faster.
+/// Writes report.html (open it in a browser), registration.html (print and sign it), poses.json,
+/// trajectory.log, merged.ply, overlap.csv, config.toml and report.json into the output folder, and
+/// keeps features and registered pairs in its cache/ so that a second run is faster.
 /// Scans that cannot be placed are declined with a reason; the exit code is then still 0. It is
 /// 6, after everything is written, when no scan could be joined to another.
 #[derive(Debug, Args)]

@@ -3,7 +3,7 @@
 use super::evaluate_truth::against_truth;
 use super::options::ThreadOption;
 use super::progress::Progress;
-use super::result_folder::{CONFIG, OVERLAP, PAGE, POSES, REPORT, merged_files};
+use super::result_folder::{CONFIG, OVERLAP, PAGE, POSES, PROTOCOL, REPORT, merged_files};
 use super::{Status, Verbosity, terminal};
 use clap::Args;
 use rayon::prelude::*;
@@ -11,8 +11,8 @@ use scanweave::config::{Config, Layers};
 use scanweave::geometry::Point;
 use scanweave::io::ReadOptions;
 use scanweave::preprocessing::localize;
-use scanweave::report::html;
 use scanweave::report::html::PointSource;
+use scanweave::report::{html, protocol};
 use scanweave::result::poses::{Document, Entry};
 use scanweave::result::run::RunReport;
 use scanweave::result::{merged, overlaps};
@@ -22,9 +22,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Make report.html of an existing result anew: one file for any browser, without a network.
+/// Make report.html and registration.html of an existing result anew: files for any browser, without
+/// a network.
 ///
-/// `register` and `demo --output` write it too. The points come from the scan files that
+/// `register` and `demo --output` write them too. report.html shows the scans; registration.html is
+/// for printing and signing. The points come from the scan files that
 /// poses.json names; --scans says where they are now. Where a file is gone, the page shows what the
 /// result's own merged clouds (merged.ply, merged_1.ply, ...) hold of its scan, and says so.
 #[derive(Debug, Args)]
@@ -32,7 +34,7 @@ pub struct Arguments {
     /// Output folder of `register`.
     #[arg(value_name = "RESULT")]
     result: PathBuf,
-    /// File to write instead of report.html in that folder.
+    /// File to write instead of report.html in that folder; registration.html is then left as it is.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// The same scans as were registered, where they have moved: files, folders, globs or
@@ -56,7 +58,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     let report = RunReport::load(&folder.join(REPORT))?;
     let config_file = folder.join(CONFIG);
     let config = std::fs::read_to_string(&config_file).map_err(|e| Error::read(&config_file, e))?;
-    let options = read_as_before(&config_file)?;
+    let settings = settings(&config_file)?;
     let overlap_file = folder.join(OVERLAP);
     let similarity = match overlap_file.exists() {
         true => Some(overlaps::read_predicted(&overlap_file, poses.scans.len())?),
@@ -69,7 +71,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     };
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;
-    let (clouds, sources) = clouds(arguments, &poses, &reconstruction, &options, &progress)?;
+    let (clouds, sources) = clouds(arguments, &poses, &reconstruction, &settings.input, &progress)?;
     let scan = |(entry, cloud): (&Entry, &PointCloud)| Scan {
         id: ScanId(entry.id),
         name: entry.name.clone(),
@@ -95,6 +97,11 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     })?;
     let output = arguments.output.clone().unwrap_or_else(|| folder.join(PAGE));
     io::atomic::write(&output, |out| out.write_all(page.as_bytes()))?;
+    if arguments.output.is_none() {
+        let reference = settings.output.reference.as_deref();
+        let protocol = protocol::page(&protocol::Input { poses: &poses, run: &report, reference });
+        io::atomic::write(&folder.join(PROTOCOL), |out| out.write_all(protocol.as_bytes()))?;
+    }
     if !verbosity.quiet {
         let (size, said) = (page.len() as f64 / 1e6, html::headline(&poses));
         terminal::print_line(&format!("{said}\nwritten  {} ({size:.1} MB)", output.display()))?;
@@ -102,11 +109,11 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     Ok(Status::Success)
 }
 
-/// How the scans were read, from the settings of the result.
-pub fn read_as_before(config_file: &Path) -> scanweave::Result<ReadOptions> {
+/// The settings of the result: how the scans were read, which one stays.
+pub fn settings(config_file: &Path) -> scanweave::Result<Config> {
     let mut layers = Layers::new::<Config>();
     layers.add_file(config_file)?;
-    Ok(Config::from_layers(&layers)?.input)
+    Config::from_layers(&layers)
 }
 
 /// Points of every scan and where they come from: its file, else the result's merged clouds; empty

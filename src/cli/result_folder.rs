@@ -4,7 +4,7 @@ use super::export::{self, ExportOptions};
 use scanweave::config::Config;
 use scanweave::geometry::RigidMotion;
 use scanweave::pipeline::{Run, Stopwatch};
-use scanweave::report::html;
+use scanweave::report::{html, protocol};
 use scanweave::result::merged::MergedCloud;
 use scanweave::result::overlaps;
 use scanweave::result::poses::Document;
@@ -21,6 +21,7 @@ pub const CONFIG: &str = "config.toml";
 pub const OVERLAP: &str = "overlap.csv";
 pub const REPORT: &str = "report.json";
 pub const PAGE: &str = "report.html";
+pub const PROTOCOL: &str = "registration.html";
 
 /// A folder that is, or is going to be, a result.
 pub struct ResultFolder {
@@ -94,7 +95,10 @@ impl ResultFolder {
                 frames: &run.frames,
                 truth: None,
             })?;
-            self.write_text(PAGE, &page)
+            self.write_text(PAGE, &page)?;
+            let reference = config.output.reference.as_deref();
+            let input = protocol::Input { poses: &poses, run: &report, reference };
+            self.write_text(PROTOCOL, &protocol::page(&input))
         })?;
         report.add_times(clock.stages);
         self.write_text(REPORT, &report.to_json())?;
@@ -118,6 +122,7 @@ impl ResultFolder {
         }
         remove(POSES)?;
         remove(PAGE)?;
+        remove(PROTOCOL)?;
         let of_component = |component| match component {
             // Those of the first component are replaced.
             0 => Vec::new(),

@@ -7,6 +7,7 @@ pub mod growth_tree;
 pub mod html;
 pub mod inspect;
 mod markup;
+pub mod protocol;
 pub mod sheet;
 pub mod table;
 pub mod top_view;

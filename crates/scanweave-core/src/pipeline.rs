@@ -1,14 +1,19 @@
 //! From scans to a reconstruction: every stage in order, each timed.
 
+mod agreement;
 mod component_frames;
 mod features;
 mod fine_refinement;
 mod frames;
+mod overruled;
 mod pairs;
+mod stopwatch;
 
 use component_frames::StatedFrames;
 pub use features::{FeatureSource, read_features};
+pub use overruled::Overruled;
 pub use pairs::PairCache;
+pub use stopwatch::Stopwatch;
 
 use crate::config::Config;
 use crate::descriptor::{Describer, DescriptorKind};
@@ -20,10 +25,9 @@ use crate::registration::{self, Lengths, PosePrior, ScanInput, prior};
 use crate::result::run::StageTime;
 use crate::retrieval::{self, Checkpoint, DescriptorTag, HeadChoice, HeadOrigin, SimilaritySource, shipped};
 use crate::scan::{
-    Features, PointCloud, PoseGraph, Reconstruction, Scan, ScanId, SimilarityMatrix, Surface, WorkingScale,
+    Features, PointCloud, PoseGraph, Reconstruction, Scan, SimilarityMatrix, Surface, WorkingScale,
 };
 use rayon::prelude::*;
-use std::time::Instant;
 
 /// What a run made, stage by stage; everything is in the order of the scans.
 #[derive(Debug)]
@@ -53,35 +57,6 @@ pub struct Run {
     pub overruled: Vec<Overruled>,
     /// Time each stage took.
     pub timings: Vec<StageTime>,
-}
-
-/// A rough pose that the scans contradict: it is off by more than three stated deviations.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Overruled {
-    /// The scan.
-    pub scan: ScanId,
-    /// How far the centre of the scan is from where the rough pose has it, metres.
-    pub moved_m: f64,
-    /// By how much it is turned against the rough pose, degrees.
-    pub turned_deg: f64,
-}
-
-impl Overruled {
-    fn all(scans: &[Scan], described: &Described, reconstruction: &Reconstruction) -> Vec<Self> {
-        /// Deviations beyond which a rough pose and a final one contradict each other.
-        const BEYOND: f64 = 3.0;
-        let of = |(i, scan): (usize, &Scan)| {
-            let (rough, stated) = (described.priors[i].rough?, scan.initial_pose?);
-            let placed = reconstruction.world_from_scan(ScanId(i))?;
-            let centre = described.frames[i] * nalgebra::Point3::origin();
-            let moved_m = (placed * centre - stated * centre).norm();
-            let turned = placed.rotation.angle_to(&stated.rotation);
-            let off = moved_m > BEYOND * rough.position_deviation_m
-                || turned > BEYOND * rough.rotation_deviation_rad;
-            off.then_some(Self { scan: ScanId(i), moved_m, turned_deg: turned.to_degrees() })
-        };
-        scans.iter().enumerate().filter_map(of).collect()
-    }
 }
 
 /// Registers `scans` (at least two): own frames and scale → surfaces → features → similarity → growth and
@@ -130,6 +105,11 @@ pub fn run_with_pairs(
             fine_refinement::refine(local, scans, frames, surfaces, scale, settings, monitor)
         })?;
     }
+    clock.time("agreement", || {
+        let Described { scale, features, surfaces, .. } = &described;
+        let local = &mut registered.reconstruction;
+        agreement::measure(local, features, surfaces, scale.inlier_radius_m, monitor)
+    })?;
     let Registered { pose_graph, reconstruction } = registered.in_files(&described.frames, &stated);
     let overruled = Overruled::all(scans, &described, &reconstruction);
     let Described { scale, warnings, frames, surfaces, features, reused, .. } = described;
@@ -400,28 +380,5 @@ pub fn overlap_head(
             shipped::head_for(&tag)
         }
         None => Ok(None),
-    }
-}
-
-/// Times stages.
-#[derive(Debug, Default)]
-pub struct Stopwatch {
-    /// Stages so far, in order.
-    pub stages: Vec<StageTime>,
-}
-
-impl Stopwatch {
-    /// Runs `work` and writes down how long it took, together with what was written down for the
-    /// stage just before.
-    pub fn time<T>(&mut self, stage: &str, work: impl FnOnce() -> T) -> T {
-        let start = Instant::now();
-        let result = work();
-        let seconds = start.elapsed().as_secs_f64();
-        if let Some(last) = self.stages.last_mut().filter(|last| last.stage == stage) {
-            last.seconds += seconds;
-            return result;
-        }
-        self.stages.push(StageTime { stage: stage.to_owned(), seconds });
-        result
     }
 }

@@ -33,8 +33,8 @@ pub fn neighbours(
     let touching: Vec<_> = pairs.par_iter().filter_map(overlap).collect();
     let mut all = vec![Vec::new(); members.len()];
     for (m, o, overlap, residual_m) in touching {
-        all[m].push(NeighbourEvidence { scan: members[o].0, overlap, residual_m });
-        all[o].push(NeighbourEvidence { scan: members[m].0, overlap, residual_m });
+        all[m].push(NeighbourEvidence { scan: members[o].0, overlap, residual_m, plane_distance_m: None });
+        all[o].push(NeighbourEvidence { scan: members[m].0, overlap, residual_m, plane_distance_m: None });
     }
     all.iter_mut().for_each(|found| found.sort_by_key(|n| n.scan));
     all

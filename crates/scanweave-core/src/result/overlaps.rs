@@ -80,7 +80,12 @@ mod tests {
                 neighbours,
             })
         };
-        let touching = vec![NeighbourEvidence { scan: ScanId(0), overlap: 0.375, residual_m: 0.1 }];
+        let touching = vec![NeighbourEvidence {
+            scan: ScanId(0),
+            overlap: 0.375,
+            residual_m: 0.1,
+            plane_distance_m: None,
+        }];
         let declined = Outcome::Declined(DeclineReason::TooFewKeypoints { keypoints: 0, needed: 3 });
         let outcomes = vec![placed(Vec::new()), placed(touching), declined];
         let document = Document::new(&[scan(0), scan(1), scan(2)], &Reconstruction { outcomes }, 0.07);

@@ -267,7 +267,12 @@ mod tests {
             inliers: 2,
             residual_m: 0.01,
             evidence: None,
-            neighbours: vec![NeighbourEvidence { scan: ScanId(1), overlap: 0.5, residual_m: 0.02 }],
+            neighbours: vec![NeighbourEvidence {
+                scan: ScanId(1),
+                overlap: 0.5,
+                residual_m: 0.02,
+                plane_distance_m: None,
+            }],
             pose_uncertainty: None,
         })
     }

@@ -12,8 +12,12 @@ pub struct NeighbourEvidence {
     pub scan: ScanId,
     /// Two-way share of keypoints with a counterpart within τ, in `[0, 1]`.
     pub overlap: f64,
-    /// Root mean square distance of those pairs, metres.
+    /// Root mean square distance of those keypoints, metres: as coarse as keypoints are sparse.
     pub residual_m: f64,
+    /// Median distance of the points of each surface from the tangent planes of the other where they touch
+    /// and face the same way, metres; `None` where it was not measured or too few touch.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plane_distance_m: Option<f64>,
 }
 
 /// What speaks for the pose at which a scan was registered against the meta-shape.
@@ -119,6 +123,24 @@ pub struct Placement {
     pub neighbours: Vec<NeighbourEvidence>,
     /// Its uncertainty; `None` where that was not measured.
     pub pose_uncertainty: Option<Box<PoseUncertainty>>,
+}
+
+impl Placement {
+    /// A pivot at a pose, of which nothing else is known.
+    pub fn at(world_from_scan: RigidMotion, component: usize) -> Self {
+        Self {
+            world_from_scan,
+            component,
+            step: 0,
+            parent: None,
+            matches: 0,
+            inliers: 0,
+            residual_m: 0.0,
+            evidence: None,
+            neighbours: Vec::new(),
+            pose_uncertainty: None,
+        }
+    }
 }
 
 /// What is doubtful about a placed scan.

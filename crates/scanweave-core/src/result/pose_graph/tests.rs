@@ -112,7 +112,12 @@ fn a_measurement_that_the_result_contradicts_counts_less() {
 #[test]
 fn touching_scans_are_joined_once_as_uncertain_and_the_unknown_has_wide_deviations() {
     let at = |x: f64| RigidMotion::translation(x, 0.0, 0.0);
-    let touch = |scan: usize| NeighbourEvidence { scan: ScanId(scan), overlap: 0.5, residual_m: 0.01 };
+    let touch = |scan: usize| NeighbourEvidence {
+        scan: ScanId(scan),
+        overlap: 0.5,
+        residual_m: 0.01,
+        plane_distance_m: None,
+    };
     let mut placements =
         vec![placed(at(0.0), None, None), placed(at(1.0), Some(0), None), placed(at(2.0), Some(1), None)];
     placements[0].neighbours = vec![touch(1), touch(2)];
