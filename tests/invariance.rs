@@ -55,6 +55,16 @@ fn assert_same(
     file_from_plain: impl Fn(usize, &Point3<f64>) -> Point3<f64>,
     unit: f64,
 ) {
+    assert_within(other, file_from_plain, unit, 0.004);
+}
+
+/// [`assert_same`] with a limit of its own, metres.
+fn assert_within(
+    other: &Reconstruction,
+    file_from_plain: impl Fn(usize, &Point3<f64>) -> Point3<f64>,
+    unit: f64,
+    limit_m: f64,
+) {
     let n = interior().len();
     assert!(plain().placed() >= 5, "{}", plain().placed());
     assert_eq!(other.placed(), plain().placed());
@@ -74,7 +84,7 @@ fn assert_same(
                 let expected = file_from_plain(i, &(here * p));
                 let found = there * file_from_plain(j, &p);
                 let off = (expected - found).norm() / unit;
-                assert!(off < 0.004, "{j} in {i}: {off} m");
+                assert!(off < limit_m, "{j} in {i}: {off} m");
             }
         }
     }
@@ -107,4 +117,50 @@ fn points_that_are_there_twice_change_nothing() {
     let doubled: Vec<Vec<[f64; 3]>> = doubled.collect();
     let same = |_: usize, p: &Point3<f64>| *p;
     assert_same(&register(&doubled, same), same, 1.0);
+}
+
+/// The scans of the interior, each with a share of points more at places that `wild` draws.
+fn with_wild_points(share: f64, wild: impl Fn(&mut ChaCha8Rng) -> [f64; 3]) -> Vec<Vec<[f64; 3]>> {
+    let with = |(k, points): (usize, &Vec<[f64; 3]>)| {
+        let mut rng = ChaCha8Rng::seed_from_u64(100 + k as u64);
+        let count = ((points.len() as f64 * share).ceil() as usize).max(1);
+        let mut all = points.clone();
+        for _ in 0..count {
+            all.insert(rng.random_range(0..all.len()), wild(&mut rng));
+        }
+        all
+    };
+    interior().iter().enumerate().map(with).collect()
+}
+
+#[test]
+fn wild_points_however_far_and_many_change_no_pose() {
+    let far = |_: &mut ChaCha8Rng| [1e10; 3];
+    let anywhere = |size: f64| move |rng: &mut ChaCha8Rng| [0; 3].map(|_| rng.random_range(-size..size));
+    // An ellipsoid as high as a man, where it is for all scans.
+    let object = |away: f64| {
+        let mut all = interior().clone();
+        for (k, points) in all.iter_mut().enumerate() {
+            let mut rng = ChaCha8Rng::seed_from_u64(200 + k as u64);
+            let scan_from_world = plain().relative(ScanId(k), ScanId(0)).unwrap();
+            for _ in 0..points.len() / 5 {
+                let [x, y, z] = [0; 3].map(|_| rng.random_range(-1.0f64..1.0));
+                let p = Vector3::new(x, y, z).normalize().component_mul(&Vector3::new(0.4, 0.6, 0.9));
+                points.push((scan_from_world * Point3::new(p.x + away, p.y, p.z)).coords.into());
+            }
+        }
+        all
+    };
+    let cases: [(&str, Vec<Vec<[f64; 3]>>); 6] = [
+        ("one at 1e10", with_wild_points(0.0, far)),
+        ("one per cent at 1e10", with_wild_points(0.01, far)),
+        ("one per cent anywhere within 1e9 m", with_wild_points(0.01, anywhere(1e9))),
+        ("one per cent within 200 m", with_wild_points(0.01, anywhere(200.0))),
+        ("a second object half a kilometre away", object(500.0)),
+        ("a second object 50 km away", object(50_000.0)),
+    ];
+    for (name, points) in cases {
+        println!("{name}");
+        assert_within(&register(&points, |_, p| *p), |_, p| *p, 1.0, 0.02);
+    }
 }

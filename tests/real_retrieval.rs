@@ -52,7 +52,7 @@ fn imported_netvlad_agrees_with_the_reference() {
     let expected = read(&mut npz, "global_features");
     let gap = largest_gap(&global.concat(), expected.as_slice().unwrap());
     assert!(gap < 1e-5, "global features differ by {gap}");
-    let fused = retrieval::fuse(&global, 3, 0.5);
+    let fused = retrieval::fuse(&global, 3, 0.5, &Silent).unwrap();
     let gap = largest_gap(&fused.concat(), read(&mut npz, "fused").as_slice().unwrap());
     assert!(gap < 1e-5, "fused features differ by {gap}");
     let config = RetrievalConfig::default();

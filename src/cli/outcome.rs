@@ -6,6 +6,7 @@ use scanweave::pipeline::Run;
 use scanweave::preprocessing::ScaleWarning;
 use scanweave::report::table::{self, length};
 use scanweave::result::run::RunReport;
+use scanweave::scan::strays::STRAY;
 use scanweave::scan::{Reconstruction, Scan};
 use std::io::IsTerminal;
 
@@ -47,6 +48,14 @@ pub fn warn(run: &Run, scans: &[Scan]) {
             "{name}: the scans contradict its rough pose, by {} and {:.1} degrees",
             length(rough.moved_m),
             rough.turned_deg
+        );
+    }
+    for scan in scans.iter().filter(|s| s.cloud.stray_points > 0) {
+        tracing::warn!(
+            "{}: left out {} of {} points, which lie more than {STRAY} times as far out as half of the others",
+            scan.name,
+            scan.cloud.stray_points,
+            scan.cloud.len() + scan.cloud.stray_points
         );
     }
     for scan in scans.iter().filter(|s| s.cloud.dropped_rows > 0) {

@@ -206,6 +206,7 @@ fn report(scans: &[Scan], run: &Run, config: &Config, poses: &Document, clock: S
     let size = |i: usize| ScanSize {
         points: scans[i].cloud.len(),
         dropped_rows: scans[i].cloud.dropped_rows,
+        stray_points: scans[i].cloud.stray_points,
         surface_points: run.surfaces[i].len(),
         keypoints: run.features[i].len(),
         features_reused: run.reused[i],

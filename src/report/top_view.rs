@@ -1,18 +1,30 @@
 //! A picture of a merged cloud, coloured by scan.
 
+use crate::geometry::Point;
 use crate::result::merged::MergedCloud;
+use crate::scan::strays::middle_and_size;
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use std::fmt::Write;
 
 /// Points drawn at most; more only make the file larger.
 const MAX_POINTS: usize = 12_000;
+/// Points so many times farther from the middle than half of all are not drawn.
+const DRAWN: f64 = 20.0;
 const WIDTH: f64 = 900.0;
 const MARGIN: f64 = 30.0;
 
 /// SVG of the cloud seen along the direction in which it extends least (for rooms, from
 /// above), each scan in a colour of its own, with a scale bar.
 pub fn svg(cloud: &MergedCloud, scans: usize) -> String {
-    let flat = projected(cloud);
+    // What floats far out must not make the rest a dot.
+    let near: Vec<usize> = match middle_and_size(&cloud.points) {
+        Some((middle, size_m)) => {
+            let near = |p: &Point| (p.cast::<f64>() - middle).norm() <= DRAWN * size_m;
+            (0..cloud.points.len()).filter(|&i| near(&cloud.points[i])).collect()
+        }
+        None => (0..cloud.points.len()).collect(),
+    };
+    let flat = projected(cloud, &near);
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for p in &flat {
         for a in 0..2 {
@@ -28,7 +40,7 @@ pub fn svg(cloud: &MergedCloud, scans: usize) -> String {
     let stride = flat.len().div_ceil(MAX_POINTS).max(1);
     for i in (0..flat.len()).step_by(stride) {
         let (x, y) = ((flat[i][0] - low[0]) * scale + MARGIN, (high[1] - flat[i][1]) * scale + MARGIN);
-        if let Some(path) = paths.get_mut(cloud.scan[i] as usize) {
+        if let Some(path) = paths.get_mut(cloud.scan[near[i]] as usize) {
             write!(path, "M{x:.1} {y:.1}h0").ok();
         }
     }
@@ -64,10 +76,10 @@ fn scan_color(scan: usize) -> [u8; 3] {
     })
 }
 
-/// The points in the plane of the cloud's two longest principal axes.
-fn projected(cloud: &MergedCloud) -> Vec<[f64; 2]> {
-    let n = cloud.points.len().max(1) as f64;
-    let points: Vec<Vector3<f64>> = cloud.points.iter().map(|p| p.coords.cast()).collect();
+/// These points in the plane of their two longest principal axes.
+fn projected(cloud: &MergedCloud, which: &[usize]) -> Vec<[f64; 2]> {
+    let n = which.len().max(1) as f64;
+    let points: Vec<Vector3<f64>> = which.iter().map(|&i| cloud.points[i].coords.cast()).collect();
     let mean = points.iter().sum::<Vector3<f64>>() / n;
     let covariance = points.iter().fold(Matrix3::zeros(), |sum, p| {
         let d = p - mean;
@@ -88,7 +100,6 @@ fn projected(cloud: &MergedCloud) -> Vec<[f64; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Point;
 
     #[test]
     fn the_shortest_extent_is_looked_along_and_every_scan_has_its_path() {
@@ -104,5 +115,16 @@ mod tests {
         assert!(text.contains("M30.0 450.0h0M30.0 30.0h0"), "{text}");
         assert!(text.contains("M870.0 450.0h0M870.0 30.0h0"), "{text}");
         assert!(text.contains(">1 m</text>"), "{text}");
+    }
+
+    #[test]
+    fn a_point_far_out_does_not_shrink_the_rest() {
+        let corners = [[0.0, 0.0, 0.0], [2.0, 0.2, 0.0], [0.0, 0.2, 4.0], [2.0, 0.0, 4.0]];
+        let mut points: Vec<Point> = corners.map(Point::from).to_vec();
+        let plain =
+            svg(&MergedCloud { points: points.clone(), scan: vec![0; 4], ..MergedCloud::default() }, 1);
+        points.insert(1, Point::new(500.0, 0.0, 0.0));
+        let wild = MergedCloud { points, scan: vec![0, 1, 0, 0, 0], ..MergedCloud::default() };
+        assert_eq!(svg(&wild, 2), plain);
     }
 }

@@ -21,9 +21,9 @@ pub(super) fn placed(input: &Input<'_>, network: &Network<'_>, out: &mut String)
         ("Y (m)", true),
         ("Z (m)", true),
         ("Probability", true),
-        ("Touching pairs", true),
-        ("Largest overlap (%)", true),
-        ("Cloud to cloud, median of pairs (mm)", true),
+        ("Pairs", true),
+        ("Overlap (%)", true),
+        ("Cloud to cloud (mm)", true),
         ("Parent", false),
         ("Doubts", false),
     ];
@@ -69,7 +69,8 @@ pub(super) fn placed(input: &Input<'_>, network: &Network<'_>, out: &mut String)
         paragraph("* The centre is not known: this is where the origin of the file's coordinates lies.", out);
     }
     paragraph(
-        "Ambiguous: another pose is not ruled out. Poorly localised: the stated deviation of the centre is \
+        "Pairs: other scans that it touches. Overlap: the largest with another. Cloud to cloud: the median over \
+         its pairs. Ambiguous: another pose is not ruled out. Poorly localised: the stated deviation of the centre is \
          above the inlier radius, or that of the rotation above 5 degrees.",
         out,
     );

@@ -79,7 +79,7 @@ impl<'a> Validator<'a> {
             let scans: Vec<&Descriptors> = scene.features.iter().map(|f| &f.descriptors).collect();
             let features = global_features(&head_for(&scans)?, &scans, &Silent)?;
             let features: Vec<Option<&Vec<f32>>> = features.iter().map(Option::as_ref).collect();
-            let scores = RetrievalScores::of(&similarity_matrix(&features)?, overlap, self.k)?;
+            let scores = RetrievalScores::of(&similarity_matrix(&features, &Silent)?, overlap, self.k)?;
             scenes.push((scene.name.clone(), scores));
         }
         let all: Vec<RetrievalScores> = scenes.iter().map(|s| s.1).collect();

@@ -164,8 +164,9 @@ fn sghr_keypoints(path: &Path, cloud: &PointCloud) -> Result<Vec<Point>> {
 
 fn by_index(path: &Path, cloud: &PointCloud, row: usize, value: f64) -> Result<Point> {
     let bad = |found: String, expected: String, remedy: &str| Err(Error::file(path, found, expected, remedy));
-    if cloud.dropped_rows > 0 {
-        let found = format!("row indices into a cloud of which {} rows are not finite", cloud.dropped_rows);
+    let left_out = cloud.dropped_rows + cloud.stray_points;
+    if left_out > 0 {
+        let found = format!("row indices into a cloud of which {left_out} rows are left out");
         let remedy = "give keypoints as points [n,3], or remove those rows and index again";
         return bad(found, "a cloud whose rows are all finite".into(), remedy);
     }

@@ -42,7 +42,8 @@ pub fn read_inputs(
     monitor.begin(STAGE, found.files.len());
     let one = |file: &FoundFile| {
         monitor.check(STAGE)?;
-        let read = read_file(&file.path, options).and_then(|read| with_points(&file.path, read));
+        let read =
+            read_file(&file.path, options).and_then(|read| with_points(&file.path, read)).map(without_strays);
         monitor.advance(1);
         read
     };
@@ -116,6 +117,12 @@ fn with_points(path: &Path, file: ScanFile) -> Result<ScanFile> {
     };
     let remedy = "leave this scan out, or export it again";
     Err(Error::file(path, found, "at least one point with finite coordinates", remedy))
+}
+
+/// The scans without points that lie too far out to belong to them.
+fn without_strays(mut file: ScanFile) -> ScanFile {
+    file.scans.iter_mut().for_each(|scan| scan.cloud.drop_strays());
+    file
 }
 
 /// Scans with their places and names.

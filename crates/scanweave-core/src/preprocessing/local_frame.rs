@@ -45,6 +45,7 @@ fn localized(scan: &Scan) -> (Scan, RigidMotion) {
         colors: cloud.colors,
         viewpoint,
         dropped_rows: cloud.dropped_rows,
+        stray_points: cloud.stray_points,
         ..PointCloud::default()
     };
     let scan_from_local = scan.cloud.file_from_points() * points_from_local;

@@ -8,6 +8,7 @@
 use crate::error::{Error, Result};
 use crate::geometry::Point;
 use crate::geometry::occupancy::{distinct_positions, size_for_occupancy};
+use crate::scan::strays::middle_and_size;
 use crate::scan::{PointCloud, WorkingScale, length, rounded};
 use rayon::prelude::*;
 use schemars::JsonSchema;
@@ -196,27 +197,13 @@ fn warnings(clouds: &[&PointCloud], own: &[Option<OwnScale>]) -> Vec<ScaleWarnin
 
 /// Extent and voxel size of one scan alone; `None` when its points are all at one place.
 fn own_scale(points: &[Point], target: usize) -> Option<OwnScale> {
-    let extent_m = extent(points)?;
+    // A size that stray points do not move.
+    let (_, extent_m) = middle_and_size(points)?;
     let most = LARGEST_OCCUPANCY * distinct_positions(points) as f64;
     let cells = (target as f64).min(most).max(1.0);
     // A flat patch of that extent filled by that many cells is a fair first guess.
     let voxel_m = size_for_occupancy(points, cells as usize, 2.0 * extent_m / cells.sqrt());
     Some(OwnScale { extent_m, voxel_m })
-}
-
-/// Median distance of the points from their coordinate-wise median, metres: a size that
-/// stray points do not move. Points at that very place (a sensor's "no reading" at the
-/// origin) are left out. `None` when nothing else is there.
-fn extent(points: &[Point]) -> Option<f64> {
-    const SAMPLE: usize = 8192;
-    let step = points.len().div_ceil(SAMPLE).max(1);
-    let sample: Vec<&Point> = points.iter().step_by(step).collect();
-    let middle = [0, 1, 2].map(|axis| lower_median(sample.iter().map(|p| f64::from(p[axis]))));
-    let [Some(x), Some(y), Some(z)] = middle else { return None };
-    let middle = nalgebra::Point3::new(x, y, z);
-    let away = |p: &Point| Some((p.cast::<f64>() - middle).norm()).filter(|d| *d > 0.0);
-    lower_median(sample.iter().filter_map(|p| away(p)))
-        .or_else(|| lower_median(points.iter().filter_map(away)))
 }
 
 fn lower_median(values: impl Iterator<Item = f64>) -> Option<f64> {

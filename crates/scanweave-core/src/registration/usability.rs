@@ -3,6 +3,7 @@
 use super::input::ScanInput;
 use crate::geometry::Point;
 use crate::scan::DeclineReason;
+use crate::scan::strays::middle_and_size;
 use nalgebra::{Matrix3, Vector3};
 
 /// Why a scan cannot be registered at all, before anything is tried.
@@ -14,7 +15,7 @@ pub fn unusable(scan: &ScanInput<'_>, min_keypoints: usize, voxel_m: f64) -> Opt
         return Some(DeclineReason::TooFewKeypoints { keypoints, needed: min_keypoints });
     }
     let points = if scan.surface.is_empty() { &scan.features.keypoints } else { &scan.surface.points };
-    let [thickness, width, _] = principal_extents_m(points);
+    let [thickness, width, _] = principal_extents_m(&near(points));
     let limit = voxel_m / 3.0;
     if width < limit {
         return Some(DeclineReason::Degenerate { detail: "all its points lie on one line".into() });
@@ -24,6 +25,15 @@ pub fn unusable(scan: &ScanInput<'_>, min_keypoints: usize, voxel_m: f64) -> Opt
         return Some(DeclineReason::Degenerate { detail });
     }
     None
+}
+
+/// Points that are not much farther out than half of all are: what floats far from a plane does not make it
+/// a shape, and what floats far out along it does not make it one.
+fn near(points: &[Point]) -> Vec<Point> {
+    /// Times the median distance from the middle. Of a plane or a room evenly seen all are within three.
+    const FAR: f64 = 10.0;
+    let Some((middle, size_m)) = middle_and_size(points) else { return points.to_vec() };
+    points.iter().filter(|p| (p.cast::<f64>() - middle).norm() <= FAR * size_m).copied().collect()
 }
 
 /// Standard deviations of a point set along its principal axes, ascending, metres.

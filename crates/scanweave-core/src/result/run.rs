@@ -22,6 +22,9 @@ pub struct ScanSize {
     pub points: usize,
     /// Rows left out because a coordinate was not finite.
     pub dropped_rows: usize,
+    /// Points left out because they lie too far from the rest.
+    #[serde(default)]
+    pub stray_points: usize,
     /// Points at the working resolution.
     pub surface_points: usize,
     /// Keypoints described.

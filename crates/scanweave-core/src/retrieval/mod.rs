@@ -182,11 +182,11 @@ pub fn similarity_of(
     let (head, origin) = choose_head(&scans, config, head, seed)?;
     let global = head::global_features(&head, &scans, monitor)?;
     let present: Vec<Vec<f32>> = global.iter().flatten().cloned().collect();
-    let fused = fusion::fuse(&present, config.fusion_neighbours, config.fusion_beta);
+    let fused = fusion::fuse(&present, config.fusion_neighbours, config.fusion_beta, monitor)?;
     let mut fused = fused.iter();
     let placed: Vec<Option<&Vec<f32>>> =
         global.iter().map(|g| g.as_ref().and_then(|_| fused.next())).collect();
-    Ok((similarity::similarity_matrix(&placed)?, origin))
+    Ok((similarity::similarity_matrix(&placed, monitor)?, origin))
 }
 
 /// The head of a run: the checkpoint's, or one set up from the descriptors.

@@ -65,7 +65,7 @@ pub(crate) fn assemble_with(
         .filter(|v| v.iter().all(|c| c.is_finite()))
         .map(|v| Point::from((Vector3::from(v) - origin_m).cast::<f32>()));
     let dropped_rows = rows - points.len();
-    PointCloud { points, colors, intensities, normals, origin_m, viewpoint, dropped_rows }
+    PointCloud { points, colors, intensities, normals, origin_m, viewpoint, dropped_rows, stray_points: 0 }
 }
 
 /// No colours, spelled so that the type of the closure is known.

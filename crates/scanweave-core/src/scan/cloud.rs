@@ -39,6 +39,9 @@ pub struct PointCloud {
     pub viewpoint: Option<Point>,
     /// Rows of the file that were left out because a coordinate was not finite.
     pub dropped_rows: usize,
+    /// Points that were left out because they lie too far from the rest
+    /// ([`drop_strays`](Self::drop_strays)).
+    pub stray_points: usize,
 }
 
 impl PointCloud {
@@ -91,12 +94,13 @@ pub struct Scan {
 impl Scan {
     /// A scan of bare points in a program's own coordinates, metres.
     ///
-    /// Points that are not finite are left out and counted. Coordinates far from zero are kept
+    /// Points that are not finite, and stray ones, are left out and counted. Coordinates far from zero are kept
     /// relative to a rounded [`PointCloud::origin_m`], so that they lose nothing. Where the sensor
     /// stood is found out as far as the points tell, unless [`with_viewpoint`](Self::with_viewpoint)
     /// says it.
     pub fn from_points(name: impl Into<String>, points: &[[f64; 3]]) -> Self {
-        let cloud = assemble(points.len(), |i| points[i], NO_COLORS, None);
+        let mut cloud = assemble(points.len(), |i| points[i], NO_COLORS, None);
+        cloud.drop_strays();
         Self { name: name.into(), cloud, ..Self::default() }
     }
 
@@ -118,7 +122,8 @@ impl Scan {
                 "pass one sRGB triple a point",
             ));
         }
-        let cloud = assemble(points.len(), |i| points[i], Some(|i: usize| colors[i]), None);
+        let mut cloud = assemble(points.len(), |i| points[i], Some(|i: usize| colors[i]), None);
+        cloud.drop_strays();
         Ok(Self { name, cloud, ..Self::default() })
     }
 

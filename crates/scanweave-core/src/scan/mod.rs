@@ -7,6 +7,7 @@ mod features;
 mod pose_graph;
 mod reconstruction;
 mod similarity;
+pub mod strays;
 mod surface;
 mod truth;
 mod working_scale;
