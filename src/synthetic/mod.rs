@@ -5,6 +5,7 @@
 //! memory. [`render_depth`] and [`observe`] give single depth images, [`fuse`] joins them.
 //! Everything follows from [`SynthConfig::seed`], whatever the number of threads.
 
+pub mod adversarial;
 pub mod ambiguous;
 mod building;
 mod camera;

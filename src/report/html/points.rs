@@ -3,7 +3,6 @@
 use crate::geometry::Point;
 use crate::geometry::VoxelGroups;
 use crate::scan::PointCloud;
-use crate::scan::strays::middle_and_size;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use nalgebra::Vector3;
@@ -16,10 +15,6 @@ use serde::Serialize;
 /// Points that a page shows at most, of all scans together. A point takes at most ten bytes,
 /// 13.4 in base64: the page stays below 11 MB, and an ordinary graphics chip turns it smoothly.
 pub const MOST_POINTS: usize = 700_000;
-
-/// Points so many times farther from the middle of a scan than half of its points are not shown: they share 16
-/// bits a coordinate with the others.
-const SHOWN: f64 = 100.0;
 
 /// Where a page's points of a scan come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -59,9 +54,6 @@ pub(super) fn choose(clouds: &[&PointCloud], voxel_m: f32, most: usize, seed: u6
             (sum / group.len() as f64).cast::<f32>()
         };
         let mean_point = |g: &[u32]| Point::from(mean(&|i| cloud.points[i].coords, g));
-        if let Some((middle, size_m)) = middle_and_size(&cloud.points) {
-            chosen.retain(|g| (mean_point(g).cast::<f64>() - middle).norm() <= SHOWN * size_m);
-        }
         let points = chosen.iter().map(|g| mean_point(g)).collect();
         let colors = cloud.colors.as_ref().map(|colors| {
             let color = |i: usize| Vector3::from(colors[i]).cast::<f32>();
