@@ -48,7 +48,8 @@ fn a_scan_named_as_reference_stays_where_it_is() {
 fn without_coordinates_in_common_one_scan_stays() {
     let views = views();
     let done = write(&views).register(&[]);
-    let stays = |name: &&str| (done.pose(name).unwrap().to_homogeneous() - nalgebra::Matrix4::identity()).norm();
+    let stays =
+        |name: &&str| (done.pose(name).unwrap().to_homogeneous() - nalgebra::Matrix4::identity()).norm();
     let staying: Vec<f64> = NAMES.iter().map(|n| stays(n)).collect();
     assert_eq!(staying.iter().filter(|d| **d < 1e-9).count(), 1, "{staying:?}");
 }

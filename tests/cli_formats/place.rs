@@ -26,7 +26,7 @@ impl View {
         }
     }
 
-    /// As it comes back from a file that has three decimals.
+    /// Rows with three decimals, which end in `rest`.
     pub fn text(&self, separator: &str, rest: &str) -> String {
         let row = |[x, y, z]: &[f64; 3]| format!("{x:.3}{separator}{y:.3}{separator}{z:.3}{rest}\n");
         self.points.iter().map(row).collect()
@@ -106,11 +106,7 @@ pub fn view(scene: &Scene, world_from_file: RigidMotion, [columns, rows]: [usize
         for row in 0..rows {
             let azimuth = (column as f64 / columns as f64 * 360.0).to_radians();
             let height = ((row as f64 + 0.5) / rows as f64 * 2.0 - 1.0) * STEEPEST.to_radians();
-            let ray = Vector3::new(
-                azimuth.cos() * height.cos(),
-                azimuth.sin() * height.cos(),
-                height.sin(),
-            );
+            let ray = Vector3::new(azimuth.cos() * height.cos(), azimuth.sin() * height.cos(), height.sin());
             let hit = scene.cast(&origin, &(world_from_file.rotation * ray), 20.0).expect("a closed room");
             points.push((ray * hit.t).into());
         }

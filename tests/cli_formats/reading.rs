@@ -39,11 +39,11 @@ fn columns_that_are_said_are_taken() {
 #[test]
 fn folders_in_a_folder_are_looked_into_where_that_is_said() {
     let (desk, views) = (Desk::new(), views());
-    for (place, view) in ["ground", "ground/hall", "upper"].iter().zip(&views) {
+    for (place, view) in ["ground/hall", "ground", "upper"].iter().zip(&views) {
         desk.file(&format!("{place}/scan.ply"), ply_text(view.points.len(), &view.points));
     }
     let done = desk.register(&["--recursive"]);
-    done.agrees(&["ground/scan", "hall/scan", "upper/scan"], &views, CLOSE);
+    done.agrees(&["hall/scan", "ground/scan", "upper/scan"], &views, CLOSE);
     let refused = desk.command(&[]).assert().code(3);
     let stderr = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
     assert!(stderr.contains("--recursive"), "{stderr}");

@@ -71,7 +71,18 @@ impl Desk {
     /// Registers one input.
     pub fn register_on(&self, input: &Path, flags: &[&str]) -> Registered {
         let done = self.command_on(input, flags).assert().success();
-        let out = done.get_output();
+        self.read(done.get_output())
+    }
+
+    /// Registers the folder of the scans, none of which may be placed: that is said by the exit code.
+    pub fn register_or_decline(&self, flags: &[&str]) -> Registered {
+        let done = self.command(flags).assert();
+        let code = done.get_output().status.code();
+        assert!(code == Some(0) || code == Some(6), "{code:?}");
+        self.read(done.get_output())
+    }
+
+    fn read(&self, out: &std::process::Output) -> Registered {
         let document: Value = serde_json::from_slice(&out.stdout).unwrap();
         Registered {
             output: self.beside("result"),
@@ -96,12 +107,12 @@ pub fn rigid(matrix: &Matrix4<f64>) -> RigidMotion {
     RigidMotion::from_parts(translation.into(), rotation)
 }
 
-/// By how much two poses of a view differ: the largest distance of its points, metres, and the angle
-/// in degrees.
+/// By how much two poses of a view differ: the root mean square distance of its points, metres, and the
+/// angle in degrees.
 pub fn difference(view: &View, a: &RigidMotion, b: &RigidMotion) -> (f64, f64) {
-    let apart = |p: &[f64; 3]| (a * Point3::from(*p) - b * Point3::from(*p)).norm();
-    let farthest = view.points.iter().map(apart).fold(0.0, f64::max);
-    (farthest, a.rotation.angle_to(&b.rotation).to_degrees())
+    let apart = |p: &[f64; 3]| (a * Point3::from(*p) - b * Point3::from(*p)).norm_squared();
+    let sum: f64 = view.points.iter().map(apart).sum();
+    ((sum / view.points.len() as f64).sqrt(), a.rotation.angle_to(&b.rotation).to_degrees())
 }
 
 impl Registered {

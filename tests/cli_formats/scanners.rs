@@ -17,8 +17,7 @@ fn cloud(view: &View, origin: [f64; 3]) -> PointCloud {
     PointCloud { origin_m: origin.into(), ..PointCloud::from_points(points) }
 }
 
-/// A block of PTX: the pose twice, as Leica Cyclone writes it, the second time row by row for vectors
-/// from the left. Every fortieth measurement has no return.
+/// A block of PTX: the pose twice, as Leica Cyclone writes it, the second time as the transposed matrix. Every fortieth measurement has no return.
 fn ptx(view: &View, world_from_file: &RigidMotion) -> String {
     let matrix = world_from_file.to_homogeneous();
     let line = |values: &[f64]| values.iter().map(|v| format!("{v:.9}")).collect::<Vec<_>>().join(" ") + "\n";

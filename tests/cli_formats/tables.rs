@@ -53,7 +53,7 @@ fn units_in_the_names_of_columns_are_followed() {
     });
     let done = desk.register(&[]);
     done.agrees(&NAMES, &views, CLOSE);
-    done.says(&["X (mm)", "millimetres"]);
+    done.says(&["x: X (mm), y: Y (mm), z: Z (mm) in mm"]);
 }
 
 #[test]
