@@ -50,7 +50,7 @@ fn without_coordinates_in_common_one_scan_stays() {
     let done = write(&views).register(&[]);
     let stays =
         |name: &&str| (done.pose(name).unwrap().to_homogeneous() - nalgebra::Matrix4::identity()).norm();
-    let staying: Vec<f64> = NAMES.iter().map(|n| stays(n)).collect();
+    let staying: Vec<f64> = NAMES.iter().map(stays).collect();
     assert_eq!(staying.iter().filter(|d| **d < 1e-9).count(), 1, "{staying:?}");
 }
 

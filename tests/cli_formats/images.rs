@@ -66,7 +66,9 @@ fn depth_images_have_the_scale_that_is_said() {
 fn intrinsics_may_lie_elsewhere() {
     let desk = Desk::new();
     let views = write(&desk);
-    let camera = desk.beside("camera.txt");
+    // Not in a folder where they would be found without being named.
+    let elsewhere = super::cli_common::folder();
+    let camera = elsewhere.path().join("camera.txt");
     std::fs::write(&camera, "110 0 79.5\n0 110 59.5\n0 0 1\n").unwrap();
     let done = desk.register(&["--depth-scale", "5000", "--intrinsics", camera.to_str().unwrap()]);
     done.agrees(&["00000", "00001", "00002"], &views, CLOSE);
