@@ -112,11 +112,27 @@ fn unpack(path: &Path, name: &Path, mut content: impl Read, limit: UnpackLimit) 
         return Err(packed_twice(path, name));
     }
     let most = limit.bytes().saturating_add(1).saturating_sub(bytes.len() as u64);
-    content.take(most).read_to_end(&mut bytes).map_err(damaged)?;
+    read_more(&mut content, &mut bytes, most).map_err(damaged)?;
     if bytes.len() as u64 > limit.bytes() {
         return Err(limit.exceeded(path, "content"));
     }
     Ok(bytes)
+}
+
+/// Reads to the end, or up to so many bytes more. A block that grows by itself would reserve twice as many.
+fn read_more(content: &mut impl Read, bytes: &mut Vec<u8>, most: u64) -> std::io::Result<()> {
+    const LEAST_STEP: usize = 1 << 16;
+    let mut left = most;
+    while left > 0 {
+        let step = (bytes.len().max(LEAST_STEP) as u64).min(left);
+        bytes.try_reserve_exact(step as usize)?;
+        let read = content.by_ref().take(step).read_to_end(bytes)? as u64;
+        if read < step {
+            break;
+        }
+        left -= read;
+    }
+    Ok(())
 }
 
 /// Refuses a packed file in a packed file.

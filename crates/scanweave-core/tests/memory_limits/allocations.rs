@@ -30,8 +30,9 @@ unsafe impl GlobalAlloc for Counting {
     }
 
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        grow(size);
-        LIVE.fetch_sub(layout.size(), Relaxed);
+        // Large blocks grow by pages that are moved, not copied: the old ones do not count again.
+        grow(size.saturating_sub(layout.size()));
+        LIVE.fetch_sub(layout.size().saturating_sub(size), Relaxed);
         unsafe { System.realloc(pointer, layout, size) }
     }
 
@@ -52,7 +53,7 @@ pub struct Cost {
     pub took: Duration,
 }
 
-/// The outcome of a call, and its cost. A block that grows counts twice while it is moved.
+/// The outcome of a call, and its cost.
 pub fn cost_of<T>(call: impl FnOnce() -> T) -> (T, Cost) {
     let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
     let before = LIVE.load(Relaxed);

@@ -10,7 +10,7 @@ use zip::write::SimpleFileOptions;
 const POINTS: usize = 12;
 
 fn rows() -> impl Iterator<Item = [f32; 3]> {
-    (0..POINTS).map(|i| [i as f32, 0.5 * (i % 3) as f32, 0.25 * (i % 5) as f32])
+    (0..POINTS).map(|i| [1.5 * i as f32, 0.5 * (i % 3) as f32, 0.25 * (i % 5) as f32])
 }
 
 fn le(rows: impl Iterator<Item = [f32; 3]>) -> Vec<u8> {
