@@ -10,7 +10,7 @@ use zip::write::SimpleFileOptions;
 const POINTS: usize = 12;
 
 fn rows() -> impl Iterator<Item = [f32; 3]> {
-    (0..POINTS).map(|i| [1.5 * i as f32, 0.5 * (i % 3) as f32, 0.25 * (i % 5) as f32])
+    (0..POINTS).map(|i| [0.5 * (7 * i % POINTS) as f32, 0.5 * (i % 3) as f32, 0.25 * (i % 5) as f32])
 }
 
 fn le(rows: impl Iterator<Item = [f32; 3]>) -> Vec<u8> {
@@ -126,6 +126,8 @@ pub fn stl(triangles: u32) -> Vec<u8> {
 }
 
 pub fn las(path: &Path, compressed: bool) -> Vec<u8> {
+    // The writer packs by the extension.
+    let path = &path.with_extension(if compressed { "laz" } else { "las" });
     let mut builder = ::las::Builder::from((1, 2));
     builder.point_format = ::las::point::Format::new(2).unwrap();
     builder.point_format.is_compressed = compressed;
@@ -138,12 +140,13 @@ pub fn las(path: &Path, compressed: bool) -> Vec<u8> {
     std::fs::read(path).unwrap()
 }
 
-/// An E57 file in which some text of the same length was put in place of another.
-pub fn e57(path: &Path, replaced: &str, by: &str) -> Vec<u8> {
+/// An E57 file of one scan whose description states so many points.
+pub fn e57(path: &Path, count: &str) -> Vec<u8> {
+    const NAME: &str = "a scan whose name is long";
     use ::e57::{E57Writer, Record, RecordValue};
     let mut file = E57Writer::from_file(path, "file").unwrap();
     let xyz = vec![Record::CARTESIAN_X_F64, Record::CARTESIAN_Y_F64, Record::CARTESIAN_Z_F64];
-    let mut scan = file.add_pointcloud("scan", xyz).unwrap();
+    let mut scan = file.add_pointcloud(NAME, xyz).unwrap();
     for row in rows() {
         scan.add_point(row.iter().map(|v| RecordValue::Double(f64::from(*v))).collect()).unwrap();
     }
@@ -151,11 +154,13 @@ pub fn e57(path: &Path, replaced: &str, by: &str) -> Vec<u8> {
     file.finalize().unwrap();
     let pages = std::fs::read(path).unwrap();
     let mut content: Vec<u8> = pages.chunks(1024).flat_map(|page| &page[..1020]).copied().collect();
-    assert_eq!(replaced.len(), by.len());
-    if !replaced.is_empty() {
-        let at = content.windows(by.len()).position(|w| w == replaced.as_bytes()).unwrap();
-        content[at..at + by.len()].copy_from_slice(by.as_bytes());
-    }
+    // A longer number and a shorter name: the description keeps its length.
+    let mut put = |text: &str, by: &str| {
+        let at = content.windows(text.len()).position(|w| w == text.as_bytes()).unwrap();
+        content.splice(at..at + text.len(), by.bytes());
+    };
+    put("recordCount=\"12\"", &format!("recordCount=\"{count}\""));
+    put(NAME, &NAME[count.len() - 2..]);
     let with_sum = |page: &[u8]| [page, &crc32c(page).to_be_bytes()].concat();
     content.chunks(1020).flat_map(with_sum).collect()
 }
@@ -194,7 +199,7 @@ pub fn whole(folder: &Path) -> Vec<(&'static str, Vec<u8>)> {
         ("a.npz", npz.finish().unwrap().into_inner()),
         ("a.las", las(&place, false)),
         ("a.laz", las(&place, true)),
-        ("a.e57", e57(&place, "", "")),
+        ("a.e57", e57(&place, "12")),
         ("a.glb", glb(POINTS, data.len() as u32)),
         ("a.stl", stl(2)),
         ("a.off", off),
