@@ -150,7 +150,7 @@ impl Cell {
     /// # Errors
     /// [`Error::Read`], or [`Error::File`] when it is something else.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+        let text = crate::files::read_text(path)?;
         let expected = format!("{FORMAT} of version {VERSION}, as `scanweave benchmark` writes it");
         let remedy = "remove the file; the next start computes the cell again";
         let cell: Self = serde_json::from_str(&text)

@@ -156,7 +156,7 @@ fn cached_overlap(
 ) -> Result<SimilarityMatrix> {
     let n = scans.len();
     let kept =
-        std::fs::read_to_string(path).ok().and_then(|text| serde_json::from_str::<Vec<f32>>(&text).ok());
+        crate::files::read_text(path).ok().and_then(|text| serde_json::from_str::<Vec<f32>>(&text).ok());
     if let Some(matrix) = kept.and_then(|values| SimilarityMatrix::new(n, values).ok()) {
         return Ok(matrix);
     }

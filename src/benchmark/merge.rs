@@ -72,12 +72,12 @@ pub fn merge(folders: &[PathBuf], output: &Path) -> Result<Merged> {
             merged.missing += 1;
             continue;
         };
-        let bytes = std::fs::read(&place).map_err(|e| Error::read(&place, e))?;
+        let bytes = crate::files::read(&place)?;
         atomic::write(&cells.join(&name), |out| out.write_all(&bytes))?;
     }
     Ok(merged)
 }
 
 fn read(path: &Path) -> Result<String> {
-    std::fs::read_to_string(path).map_err(|e| Error::read(path, e))
+    crate::files::read_text(path)
 }

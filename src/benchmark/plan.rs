@@ -227,7 +227,7 @@ fn listed(folder: &Path) -> Result<Vec<PathBuf>> {
 }
 
 fn file_digest(path: &Path) -> Result<String> {
-    let mut file = std::fs::File::open(path).map_err(|e| Error::read(path, e))?;
+    let mut file = crate::files::open(path)?;
     let mut hasher = blake3::Hasher::new();
     std::io::copy(&mut file, &mut hasher).map_err(|e| Error::read(path, e))?;
     Ok(hasher.finalize().to_hex().to_string())

@@ -70,6 +70,10 @@ pub struct FormatOptions {
     /// Intrinsics of depth images, where none lie beside them.
     #[arg(long, value_name = "FILE")]
     pub intrinsics: Option<PathBuf>,
+    /// Most MiB that a packed file or image may unpack to. Default: 64 MiB and 100 times the size of the
+    /// file up to 4 GiB, or 20 times its size where that is more.
+    #[arg(long, value_name = "MIB")]
+    pub unpack_limit: Option<u64>,
 }
 
 impl FormatOptions {
@@ -79,6 +83,7 @@ impl FormatOptions {
         options.unit_m = self.unit.or(options.unit_m);
         options.depth_units_per_m = self.depth_scale.or(options.depth_units_per_m);
         options.intrinsics = self.intrinsics.clone().or_else(|| options.intrinsics.take());
+        options.unpack_limit_mib = self.unpack_limit.or(options.unpack_limit_mib);
         options.validate()
     }
 }

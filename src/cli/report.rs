@@ -57,7 +57,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     let poses = Document::load(&folder.join(POSES))?;
     let report = RunReport::load(&folder.join(REPORT))?;
     let config_file = folder.join(CONFIG);
-    let config = std::fs::read_to_string(&config_file).map_err(|e| Error::read(&config_file, e))?;
+    let config = scanweave::files::read_text(&config_file)?;
     let settings = settings(&config_file)?;
     let overlap_file = folder.join(OVERLAP);
     let similarity = match overlap_file.exists() {

@@ -1,11 +1,11 @@
 //! Weights published by the authors of BUFFER, in PyTorch's layout.
 
+use super::Published;
 use crate::descriptor::mini_spin_net::{
     Architecture, Checkpoint, DESCRIPTOR, FORMAT_VERSION, Layer, LayerShape, Meta, Norm, RADII, Weights,
 };
 use crate::{Error, Result};
-use burn::store::pytorch_reader::{DType, PytorchReader, Tensor};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Names of the layers in the published file, in the order of [`Architecture::shapes`]; the
@@ -29,21 +29,15 @@ const LAYERS: [(&str, usize); 11] = [
 /// # Errors
 /// When the file is not a PyTorch checkpoint, or lacks one of the tensors.
 pub fn buffer(path: &Path) -> Result<Checkpoint> {
-    // The reader's own message for a missing file hides the reason.
-    std::fs::File::open(path).map_err(|e| Error::read(path, e))?;
     let wrong = |found: String| {
         let expected = "a PyTorch checkpoint with the tensors Desc.* of BUFFER's MiniSpinNet";
         Error::file(path, found, expected, "pass the .pth file of the descriptor as its authors published it")
     };
-    let tensors: BTreeMap<String, Tensor> = PytorchReader::new(path)
-        .map_err(|e| wrong(format!("something else ({e})")))?
-        .into_tensors()
-        .into_iter()
-        .collect();
+    let file = Published::open(path)?.map_err(wrong)?;
     let architecture = Architecture::default();
     let layers =
         architecture.shapes().into_iter().zip(LAYERS).enumerate().map(|(at, (shape, (prefix, number)))| {
-            let layer = read_layer(&tensors, &shape, prefix, number)?;
+            let layer = read_layer(&file, &shape, prefix, number)?;
             Ok(if at == 1 { shells_as_channels(layer, &shape, architecture.point_channels) } else { layer })
         });
     let weights = Weights {
@@ -69,18 +63,18 @@ pub fn buffer(path: &Path) -> Result<Checkpoint> {
 }
 
 fn read_layer(
-    tensors: &BTreeMap<String, Tensor>,
+    file: &Published,
     shape: &LayerShape,
     prefix: &str,
     number: usize,
 ) -> std::result::Result<Layer, String> {
     let LayerShape { inputs, outputs, taps, .. } = shape;
-    let weight = take(tensors, &format!("{prefix}.{number}.weight"), inputs * outputs * taps)?;
-    let bias = take(tensors, &format!("{prefix}.{number}.bias"), *outputs)?;
+    let weight = take(file, &format!("{prefix}.{number}.weight"), inputs * outputs * taps)?;
+    let bias = take(file, &format!("{prefix}.{number}.bias"), *outputs)?;
     let behind = format!("{prefix}.{}", number + 1);
-    let has = |part: &str| tensors.contains_key(&format!("{behind}.{part}"));
+    let has = |part: &str| file.reader.get(&format!("{behind}.{part}")).is_some();
     let norm = if has("running_mean") {
-        let part = |name: &str| take(tensors, &format!("{behind}.{name}"), *outputs);
+        let part = |name: &str| take(file, &format!("{behind}.{name}"), *outputs);
         let affine = if has("weight") { Some((part("weight")?, part("bias")?)) } else { None };
         Some(Norm { mean: part("running_mean")?, variance: part("running_var")?, affine })
     } else {
@@ -102,21 +96,17 @@ fn shells_as_channels(layer: Layer, shape: &LayerShape, channels: usize) -> Laye
     Layer { weight, ..layer }
 }
 
-fn take(
-    tensors: &BTreeMap<String, Tensor>,
-    name: &str,
-    length: usize,
-) -> std::result::Result<Vec<f32>, String> {
-    let tensor = tensors.get(name).ok_or_else(|| {
-        let names: Vec<&str> = tensors.keys().map(String::as_str).take(8).collect();
+fn take(file: &Published, name: &str, length: usize) -> std::result::Result<Vec<f32>, String> {
+    let tensor = file.reader.get(name).ok_or_else(|| {
+        let tensors = file.reader.tensors();
+        let names: BTreeSet<&str> = tensors.keys().map(String::as_str).collect();
+        let names: Vec<&str> = names.into_iter().take(8).collect();
         format!("no {name} among the {} tensors [{}, …]", tensors.len(), names.join(", "))
     })?;
-    if tensor.dtype() != DType::F32 || tensor.shape().iter().product::<usize>() != length {
-        return Err(format!("{name} of type {:?} and shape {:?}", tensor.dtype(), tensor.shape()));
+    let values = file.values(name, tensor)?;
+    if values.len() != length {
+        return Err(format!("{name} of shape {:?}", tensor.shape()));
     }
-    let bytes = tensor.read().map_err(|e| format!("an unreadable {name} ({e})"))?;
-    let values: Vec<f32> =
-        bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
     if values.iter().any(|v| !v.is_finite()) {
         return Err(format!("{name} with values that are not finite"));
     }

@@ -1,10 +1,11 @@
 //! Heads published by others, in PyTorch's layout.
 
+use super::Published;
 use crate::retrieval::HeadWeights;
 use crate::retrieval::NetVlad;
 use crate::retrieval::{Checkpoint, CheckpointMeta, DataSummary, DescriptorTag, FORMAT_VERSION};
 use crate::{Error, Result};
-use burn::store::pytorch_reader::{DType, PytorchReader, Tensor};
+use burn::store::pytorch_reader::Tensor;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -44,8 +45,6 @@ pub fn imvr(path: &Path, descriptor: &str) -> Result<Checkpoint> {
 /// # Errors
 /// As [`sghr`].
 pub fn import(path: &Path, from: Publisher, descriptor: &str) -> Result<Checkpoint> {
-    // The reader's own message for a missing file hides the reason.
-    std::fs::File::open(path).map_err(|e| Error::read(path, e))?;
     let wrong = |found: String| {
         Error::file(
             path,
@@ -54,14 +53,10 @@ pub fn import(path: &Path, from: Publisher, descriptor: &str) -> Result<Checkpoi
             "pass the .pth file of the NetVLAD head as its authors published it",
         )
     };
-    let tensors: BTreeMap<String, Tensor> = PytorchReader::new(path)
-        .map_err(|e| wrong(format!("something else ({e})")))?
-        .into_tensors()
-        .into_iter()
-        .collect();
-    let centroids = take(&tensors, "centroids").map_err(wrong)?;
-    let bias = take(&tensors, "conv.bias").map_err(wrong)?;
-    let weight = take(&tensors, "conv.weight").map_err(wrong)?;
+    let file = Published::open(path)?.map_err(wrong)?;
+    let centroids = take(&file, "centroids").map_err(wrong)?;
+    let bias = take(&file, "conv.bias").map_err(wrong)?;
+    let weight = take(&file, "conv.weight").map_err(wrong)?;
     let [clusters, dim] = centroids.0[..] else {
         return Err(wrong(format!("centroids of shape {:?}", centroids.0)));
     };
@@ -97,22 +92,19 @@ pub fn import(path: &Path, from: Publisher, descriptor: &str) -> Result<Checkpoi
 type Values = (Vec<usize>, Vec<f32>);
 
 /// Shape and values of the one tensor whose name ends in `ending`.
-fn take(tensors: &BTreeMap<String, Tensor>, ending: &str) -> std::result::Result<Values, String> {
+fn take(file: &Published, ending: &str) -> std::result::Result<Values, String> {
+    let tensors: BTreeMap<&str, &Tensor> =
+        file.reader.tensors().iter().map(|(name, tensor)| (name.as_str(), tensor)).collect();
     let fits = |name: &str| name == ending || name.ends_with(&format!(".{ending}"));
     let mut hits = tensors.iter().filter(|(name, _)| fits(name));
     let (name, tensor) = hits.next().ok_or_else(|| {
-        let names: Vec<&str> = tensors.keys().map(String::as_str).collect();
+        let names: Vec<&str> = tensors.keys().copied().collect();
         format!("no {ending} among the tensors [{}]", names.join(", "))
     })?;
     if let Some((second, _)) = hits.find(|(other, _)| !other.starts_with("optimizer")) {
         return Err(format!("both {name} and {second}"));
     }
-    if tensor.dtype() != DType::F32 {
-        return Err(format!("{name} of type {:?}", tensor.dtype()));
-    }
-    let bytes = tensor.read().map_err(|e| format!("an unreadable {name} ({e})"))?;
-    let values: Vec<f32> =
-        bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+    let values = file.values(name, tensor)?;
     if values.iter().any(|v| !v.is_finite()) {
         return Err(format!("{name} with values that are not finite"));
     }

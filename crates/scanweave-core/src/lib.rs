@@ -29,6 +29,7 @@ pub mod atomic;
 pub mod config;
 pub mod descriptor;
 mod error;
+pub mod files;
 pub mod geometry;
 pub mod io;
 mod monitor;

@@ -125,6 +125,6 @@ pub fn parse<M: DeserializeOwned>(path: &Path, bytes: &[u8], expected: &str) -> 
 /// # Errors
 /// As [`parse`], and when the file cannot be read.
 pub fn load<M: DeserializeOwned>(path: &Path, expected: &str) -> Result<(M, Arrays)> {
-    let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
+    let bytes = crate::files::read(path)?;
     parse(path, &bytes, expected)
 }

@@ -2,13 +2,12 @@
 
 use crate::retrieval::Checkpoint;
 use crate::tensor_file;
-use crate::{Error, Result};
+use crate::{Error, Result, files};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::Path;
 
 /// Metadata key under which our own files keep their metadata.
@@ -45,7 +44,7 @@ pub struct TensorContent {
 }
 
 pub(super) fn checkpoint(path: &Path) -> Result<CheckpointContent> {
-    let bytes = fs::read(path).map_err(|e| Error::read(path, e))?;
+    let bytes = files::read(path)?;
     let foreign = |e: safetensors::SafeTensorError| {
         let found = format!("{} bytes that are not a whole safetensors file ({e})", bytes.len());
         Error::file(path, found, "a safetensors file", "copy or export it again")

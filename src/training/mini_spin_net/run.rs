@@ -265,10 +265,12 @@ fn settings_of(recipe: &serde_json::Value) -> Option<serde_json::Map<String, ser
 
 /// The log of an interrupted run up to its checkpoint; what came after is done again.
 fn read_log(path: &Path, steps: usize) -> Result<Vec<Record>> {
-    let text = match std::fs::read_to_string(path) {
+    let text = match crate::files::read_text(path) {
         Ok(text) => text,
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(e) => return Err(Error::read(path, e)),
+        Err(Error::Read { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => {
+            return Ok(Vec::new());
+        }
+        Err(e) => return Err(e),
     };
     let records = text.lines().enumerate().map(|(number, line)| {
         serde_json::from_str::<Record>(line).map_err(|e| {

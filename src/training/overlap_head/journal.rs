@@ -57,10 +57,12 @@ impl Journal {
     pub fn resume(folder: &Path, epoch: usize) -> Result<Self> {
         let mut journal = Self::new(folder);
         let path = folder.join(run_folder::METRICS);
-        let text = match std::fs::read_to_string(&path) {
+        let text = match crate::files::read_text(&path) {
             Ok(text) => text,
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(journal),
-            Err(e) => return Err(Error::read(&path, e)),
+            Err(Error::Read { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => {
+                return Ok(journal);
+            }
+            Err(e) => return Err(e),
         };
         for (number, line) in text.lines().enumerate() {
             let record: Record = serde_json::from_str(line).map_err(|e| {

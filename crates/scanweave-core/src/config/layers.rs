@@ -50,7 +50,7 @@ impl Layers {
     /// # Errors
     /// [`Error::Read`], and those of [`Layers::add_text`].
     pub fn add_file(&mut self, path: &Path) -> Result<()> {
-        let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
+        let bytes = crate::files::read(path)?;
         let source = path.display().to_string();
         let text = String::from_utf8(bytes).map_err(|e| {
             Error::setting(

@@ -3,8 +3,10 @@
 use super::packed::{self, Unpacked};
 use super::scalar::counted;
 use super::scan_file::{ReadOptions, ScanFile};
+use super::unpack_limit::UnpackLimit;
 use super::{bin, depth, e57, las, mesh, npy, npz, pcd, ply, ptx, text};
 use crate::error::{Error, Result};
+use crate::files;
 use crate::scan::PointCloud;
 use std::fs::File;
 use std::io::{BufReader, Cursor, Read, Seek};
@@ -69,20 +71,24 @@ pub fn read_file(path: &Path, options: &ReadOptions) -> Result<ScanFile> {
         return Err(Error::file(path, "a folder", "a scan file", remedy));
     }
     let refused = |e| Error::read(path, e);
-    let mut file = File::open(path).map_err(refused)?;
+    let mut file = files::open(path)?;
+    let size = file.metadata().map_err(refused)?.len();
     let mut head = Vec::new();
     file.by_ref().take(HEAD_BYTES).read_to_end(&mut head).map_err(refused)?;
     if head.is_empty() {
         return Err(Error::file(path, "an empty file", FORMATS, "export or copy the scan again"));
     }
     let format = format_of(path, path, &head)?;
+    let limit = UnpackLimit::of_scan(options, size);
+    // From the size of the file, whatever it holds: what is packed twice is not allowed more for it.
+    let options = &limit.kept_in(options);
     let rewound = |mut file: File| file.rewind().map(|()| BufReader::new(file)).map_err(refused);
     // Scanners' files can be larger than memory allows to hold beside their points.
     let read = match format {
         Format::Las => las::read(path, rewound(file)?, options)?,
         Format::E57 => e57::read(path, rewound(file)?, options)?,
-        Format::Gzip => return read_unpacked(path, packed::gunzip(path, rewound(file)?)?, options),
-        Format::Zip => return read_unpacked(path, packed::unzip(path, rewound(file)?)?, options),
+        Format::Gzip => return read_unpacked(path, packed::gunzip(path, rewound(file)?, limit)?, options),
+        Format::Zip => return read_unpacked(path, packed::unzip(path, rewound(file)?, limit)?, options),
         _ => {
             file.read_to_end(&mut head).map_err(refused)?;
             return read_bytes(path, path, head, options);

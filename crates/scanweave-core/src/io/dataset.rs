@@ -122,7 +122,7 @@ fn each(scans: &[PathBuf], file_of: impl Fn(&Path) -> PathBuf) -> Result<Option<
 fn from_json(path: &Path, scans: &[PathBuf]) -> Result<Repaired<Vec<RigidMotion>>> {
     /// How far a rotation may be from orthonormal, as in other pose files.
     const TOLERANCE: f64 = poses::ORTHONORMAL_TOLERANCE;
-    let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+    let text = crate::files::read_text(path)?;
     let expected = "a table from file names to 4×4 matrices, row by row";
     let poses: BTreeMap<String, [[f64; 4]; 4]> = serde_json::from_str(&text)
         .map_err(|e| Error::file(path, format!("text that does not fit ({e})"), expected, "correct it"))?;

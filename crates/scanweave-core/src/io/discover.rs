@@ -3,6 +3,7 @@
 use super::cloud::FORMATS;
 use super::depth::{depth_images, is_depth};
 use crate::error::{Error, Result};
+use crate::files;
 use std::collections::{BTreeMap, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -121,7 +122,7 @@ impl Search {
 }
 
 fn read_list(list: &Path, found: &mut Search) -> Result<()> {
-    let bytes = fs::read(list).map_err(|e| Error::read(list, e))?;
+    let bytes = files::read(list)?;
     let text = String::from_utf8(bytes).map_err(|_| {
         Error::file(
             list,

@@ -2,13 +2,17 @@
 
 use super::scan_file::{Note, ReadOptions, ScanFile, StoredScan};
 use super::scanner::{drop_implausible_viewpoint, drop_poses_that_say_nothing};
+use super::unpack_limit::UnpackLimit;
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::scan::assemble::{Attributes, assemble_with};
 use ::e57::{CartesianCoordinate, E57Reader, RecordDataType};
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
-use std::io::{Read, Seek};
+use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
+
+/// Bytes of the coordinates of a point, which may be packed to a few bits.
+const POINT_BYTES: u64 = 24;
 
 /// Reads every scan of an E57 file in its own coordinates, with the pose that the file states for it.
 ///
@@ -18,7 +22,9 @@ use std::path::Path;
 ///
 /// # Errors
 /// [`Error::File`] for a damaged file, and for one without a scan.
-pub(super) fn read(path: &Path, file: impl Read + Seek, options: &ReadOptions) -> Result<ScanFile> {
+pub(super) fn read(path: &Path, mut file: impl Read + Seek, options: &ReadOptions) -> Result<ScanFile> {
+    let size = file.seek(SeekFrom::End(0)).and_then(|size| file.rewind().map(|()| size));
+    let size = size.map_err(|e| damaged(path, &e))?;
     let mut reader = E57Reader::new(file).map_err(|e| damaged(path, &e))?;
     let stored = reader.pointclouds();
     if stored.is_empty() {
@@ -27,8 +33,13 @@ pub(super) fn read(path: &Path, file: impl Read + Seek, options: &ReadOptions) -
     }
     let mut read = ScanFile::default();
     let (mut strange_pose, mut far) = (false, false);
+    let limit = UnpackLimit::of_scan(options, size);
+    let mut room = limit.bytes();
     for (index, scan) in stored.iter().enumerate() {
         check(path, index, scan)?;
+        room = room
+            .checked_sub(scan.records.saturating_mul(POINT_BYTES))
+            .ok_or_else(|| limit.exceeded(path, "points"))?;
         let mut cloud = points(path, &mut reader, scan, options)?;
         far |= drop_implausible_viewpoint(&mut cloud);
         let pose = scan.transform.as_ref().map(motion);

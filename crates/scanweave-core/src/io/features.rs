@@ -1,17 +1,17 @@
 //! Precomputed local features: one NPZ a scan, or the folders of SGHR and IMVR.
 
-use super::npy::{self, Array};
+use super::npy::{self, Array, Number};
 use super::npz::Archive;
 use super::poses::read_text;
 use super::scalar::parse_number;
 use super::{atomic, read_cloud};
 use crate::error::{Error, Result};
+use crate::files;
 use crate::geometry::{Direction, Point};
 use crate::scan::{Descriptors, Features, PointCloud};
 use nalgebra::Vector3;
 use ndarray::Array2;
 use ndarray_npy::NpzWriter;
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -25,18 +25,18 @@ use std::path::{Path, PathBuf};
 /// or a number that is not finite.
 pub fn read_npz(path: impl AsRef<Path>) -> Result<Features> {
     let path = path.as_ref();
-    let bytes = fs::read(path).map_err(|e| Error::read(path, e))?;
+    let bytes = files::read(path)?;
     let mut archive = Archive::open(path, &bytes)?;
     let keys = archive.keys();
     let mut need = |key: &str| {
-        archive.array(key)?.ok_or_else(|| {
+        archive.array::<f32>(key)?.ok_or_else(|| {
             let found = format!("arrays [{}]", keys.join(", "));
             let remedy = "save with numpy.savez(path, keypoints=…, descriptors=…)";
             Error::file(path, found, format!("an array '{key}'"), remedy)
         })
     };
     let keypoints = points(path, "keypoints", &need("keypoints")?)?;
-    let descriptors = descriptors(path, "descriptors", &need("descriptors")?)?;
+    let descriptors = descriptors(path, "descriptors", need("descriptors")?)?;
     let normals = archive.array("normals")?.map(|a| points(path, "normals", &a)).transpose()?;
     if let Some(normals) = &normals {
         same_length((path, "normals", normals.len()), (path, "keypoints", keypoints.len()))?;
@@ -53,7 +53,7 @@ pub fn read_npz(path: impl AsRef<Path>) -> Result<Features> {
 /// [`Error::Read`], or [`Error::File`] for a file that is no archive of arrays.
 pub fn holds_features(path: impl AsRef<Path>) -> Result<bool> {
     let path = path.as_ref();
-    let bytes = fs::read(path).map_err(|e| Error::read(path, e))?;
+    let bytes = files::read(path)?;
     let keys = Archive::open(path, &bytes)?.keys();
     Ok(["keypoints", "descriptors"].iter().all(|wanted| keys.iter().any(|key| key == wanted)))
 }
@@ -104,7 +104,7 @@ pub fn read_sghr(
     let keypoints = sghr_keypoints(&keypoint_file, cloud)?;
     let descriptor_file = dir.join(format!("{desc_name}_desc")).join(format!("{index}.npy"));
     let array = read_npy(&descriptor_file)?;
-    let descriptors = descriptors(&descriptor_file, "an array", &array)?;
+    let descriptors = descriptors(&descriptor_file, "an array", array)?;
     same_length(
         (&keypoint_file, "keypoints", keypoints.len()),
         (&descriptor_file, "descriptors", descriptors.len()),
@@ -151,9 +151,9 @@ fn sghr_keypoints(path: &Path, cloud: &PointCloud) -> Result<Vec<Point>> {
         }
         // In the file's coordinates, as the cloud was before its origin was taken off.
         _ => {
-            let rows = array
-                .points()
-                .ok_or_else(|| bad_shape(path, "an array", &array, "[n] row indices or [n, 3] points"))?;
+            let rows = array.points().ok_or_else(|| {
+                bad_shape(path, "an array", &array.shape, "[n] row indices or [n, 3] points")
+            })?;
             Ok(rows
                 .into_iter()
                 .map(|p| Point::from((Vector3::from(p) - cloud.origin_m).cast::<f32>()))
@@ -202,27 +202,28 @@ fn read_table(path: &Path) -> Result<Array> {
     Ok(Array { shape: vec![rows, columns.unwrap_or(1)], values })
 }
 
-fn read_npy(path: &Path) -> Result<Array> {
-    npy::read_array(path, "", &fs::read(path).map_err(|e| Error::read(path, e))?)
+fn read_npy<T: Number>(path: &Path) -> Result<Array<T>> {
+    npy::read_array(path, "", &files::read(path)?)
 }
 
-fn bad_shape(path: &Path, what: &str, array: &Array, expected: &str) -> Error {
-    Error::file(path, format!("{what} of shape {:?}", array.shape), expected, "save it again in that shape")
+fn bad_shape(path: &Path, what: &str, shape: &[usize], expected: &str) -> Error {
+    Error::file(path, format!("{what} of shape {shape:?}"), expected, "save it again in that shape")
 }
 
-fn points(path: &Path, what: &str, array: &Array) -> Result<Vec<Point>> {
+fn points(path: &Path, what: &str, array: &Array<f32>) -> Result<Vec<Point>> {
     if array.matrix().is_none_or(|(_, c)| c != 3) {
-        return Err(bad_shape(path, what, array, "shape [n, 3]"));
+        return Err(bad_shape(path, what, &array.shape, "shape [n, 3]"));
     }
     let (rows, _) = array.values.as_chunks::<3>();
-    Ok(rows.iter().map(|r| Point::from(r.map(|v| v as f32))).collect())
+    Ok(rows.iter().map(|r| Point::from(*r)).collect())
 }
 
-fn descriptors(path: &Path, what: &str, array: &Array) -> Result<Descriptors> {
-    let (_, dim) =
-        array.matrix().filter(|&(_, d)| d > 0).ok_or_else(|| bad_shape(path, what, array, "shape [n, D]"))?;
-    let values = array.values.iter().map(|&v| v as f32).collect();
-    Ok(Descriptors::new(dim, values).map_err(|e| of_file(path, e))?.normalized())
+fn descriptors(path: &Path, what: &str, array: Array<f32>) -> Result<Descriptors> {
+    let (_, dim) = array
+        .matrix()
+        .filter(|&(_, d)| d > 0)
+        .ok_or_else(|| bad_shape(path, what, &array.shape, "shape [n, D]"))?;
+    Ok(Descriptors::new(dim, array.values).map_err(|e| of_file(path, e))?.normalized())
 }
 
 fn join(

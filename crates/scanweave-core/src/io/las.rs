@@ -22,7 +22,7 @@ pub(super) fn read<R>(path: &Path, mut file: R, options: &ReadOptions) -> Result
 where
     R: Read + Seek + Send + Sync + 'static,
 {
-    let end = sizes::end_of_points(path, &mut file)?;
+    let end = sizes::end_of_points(path, &mut file, options)?;
     let file = PointsOf::new(file, end);
     // The decoder of LAZ indexes by what the file says and may panic on a damaged one.
     catch_unwind(AssertUnwindSafe(|| decode(path, file, options)))

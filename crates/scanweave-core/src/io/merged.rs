@@ -2,8 +2,8 @@
 
 use super::ply;
 use crate::error::{Error, Result};
+use crate::files;
 use crate::scan::PointCloud;
-use std::fs;
 use std::path::Path;
 
 /// Reads a PLY whose vertices have a property `scan`, as [`write_ply`](super::write_ply) writes
@@ -16,7 +16,7 @@ pub fn read_merged(path: impl AsRef<Path>) -> Result<(PointCloud, Vec<usize>)> {
     const SCAN: &str = "scan";
     let path = path.as_ref();
     let remedy = "register again, or remove the file";
-    let bytes = fs::read(path).map_err(|e| Error::read(path, e))?;
+    let bytes = files::read(path)?;
     let cloud = ply::read_points(path, &bytes)?;
     let numbers = ply::read_property(path, &bytes, SCAN)?;
     if cloud.dropped_rows > 0 {
@@ -37,6 +37,7 @@ mod tests {
     use super::*;
     use crate::geometry::Point;
     use crate::io::{PlyCloud, write_ply};
+    use std::fs;
 
     #[test]
     fn a_merged_cloud_comes_back_with_its_scans() {

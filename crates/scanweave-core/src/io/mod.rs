@@ -38,6 +38,7 @@ mod scans;
 mod text;
 mod text_columns;
 pub mod trajectories;
+mod unpack_limit;
 mod vertices;
 pub mod write_dataset;
 mod write_e57;

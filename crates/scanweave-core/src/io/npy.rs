@@ -10,14 +10,37 @@ use crate::scan::PointCloud;
 use crate::scan::assemble::{Attributes, assemble_with};
 use std::path::Path;
 
-/// A dense array of numbers, row-major.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Array {
-    pub shape: Vec<usize>,
-    pub values: Vec<f64>,
+/// A type to which the numbers of an array are converted one by one, so that no wider copy is made.
+pub(super) trait Number: Copy {
+    fn of(value: f64) -> Self;
 }
 
-impl Array {
+impl Number for u8 {
+    fn of(value: f64) -> Self {
+        value as u8
+    }
+}
+
+impl Number for f32 {
+    fn of(value: f64) -> Self {
+        value as f32
+    }
+}
+
+impl Number for f64 {
+    fn of(value: f64) -> Self {
+        value
+    }
+}
+
+/// A dense array of numbers, row-major.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Array<T = f64> {
+    pub shape: Vec<usize>,
+    pub values: Vec<T>,
+}
+
+impl<T: Number> Array<T> {
     /// `[rows, columns]` of a two-dimensional array.
     pub(super) fn matrix(&self) -> Option<(usize, usize)> {
         match self.shape[..] {
@@ -27,7 +50,7 @@ impl Array {
     }
 
     /// The first three columns of `[n, >=3]`.
-    pub(super) fn points(&self) -> Option<Vec<[f64; 3]>> {
+    pub(super) fn points(&self) -> Option<Vec<[T; 3]>> {
         let (_, columns) = self.matrix().filter(|&(_, c)| c >= 3)?;
         Some(self.values.chunks_exact(columns).map(|r| [r[0], r[1], r[2]]).collect())
     }
@@ -37,12 +60,13 @@ impl Array {
 ///
 /// # Errors
 /// [`Error::File`] for another number type than integers and floats, or fewer bytes than the shape needs.
-pub(super) fn read_array(path: &Path, label: &str, bytes: &[u8]) -> Result<Array> {
+pub(super) fn read_array<T: Number>(path: &Path, label: &str, bytes: &[u8]) -> Result<Array<T>> {
     let view = View::new(path, label, bytes)?;
     let bad = |found: String, expected: &str| Error::file(path, format!("{label}{found}"), expected, REMEDY);
     let (scalar, endian) = view.header.plain().ok_or_else(|| view.bad_type(path, label))?;
     let shape = view.header.shape.clone();
-    let value = |at: usize| view.data.get(at * scalar.size()..).map_or(f64::NAN, |b| scalar.read(b, endian));
+    let number = |at: usize| view.data.get(at * scalar.size()..).map_or(f64::NAN, |b| scalar.read(b, endian));
+    let value = |at: usize| T::of(number(at));
     let count = view.data.len() / scalar.size();
     let values = match shape[..] {
         [rows, columns] if view.header.column_major && count > 0 => {

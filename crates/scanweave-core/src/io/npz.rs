@@ -1,10 +1,11 @@
-//! NPZ archives of arrays (NumPy). Only the arrays that are asked for are unpacked, and of those no
-//! more than their shapes need.
+//! NPZ archives of arrays (NumPy). Only the arrays that are asked for are unpacked, of those no more
+//! than their shapes need, and all together no more than the limit.
 
 use super::fields::{INTENSITY, Names, RGB, three};
-use super::npy::{self, Array, Color, Column, Columns, View, XYZ};
+use super::npy::{self, Array, Color, Column, Columns, Number, View, XYZ};
 use super::npy_header::{self, Header};
 use super::scan_file::{ReadOptions, ScanFile};
+use super::unpack_limit::UnpackLimit;
 use crate::error::{Error, Result};
 use std::io::{Cursor, Read};
 use std::path::Path;
@@ -14,15 +15,24 @@ use zip::ZipArchive;
 pub(super) struct Archive<'a> {
     path: &'a Path,
     zip: ZipArchive<Cursor<&'a [u8]>>,
+    limit: UnpackLimit,
+    /// Bytes that have been unpacked, a number as four or more: bytes become coordinates of four.
+    unpacked: u64,
 }
 
 impl<'a> Archive<'a> {
+    /// An archive of features, or one that is kept for the next run.
+    ///
     /// # Errors
     /// [`Error::File`] when it is no archive.
     pub(super) fn open(path: &'a Path, bytes: &'a [u8]) -> Result<Self> {
+        Self::with_limit(path, bytes, UnpackLimit::of_other(bytes.len() as u64))
+    }
+
+    fn with_limit(path: &'a Path, bytes: &'a [u8], limit: UnpackLimit) -> Result<Self> {
         let zip = ZipArchive::new(Cursor::new(bytes))
             .map_err(|e| damaged(path, format!("a damaged archive ({e})")))?;
-        Ok(Self { path, zip })
+        Ok(Self { path, zip, limit, unpacked: 0 })
     }
 
     /// Names of the arrays, in the archive's order.
@@ -33,8 +43,8 @@ impl<'a> Archive<'a> {
     /// The array of this name, `None` where there is none.
     ///
     /// # Errors
-    /// [`Error::File`] when it is damaged or holds no numbers.
-    pub(super) fn array(&mut self, key: &str) -> Result<Option<Array>> {
+    /// [`Error::File`] when it is damaged, too large or holds no numbers.
+    pub(super) fn array<T: Number>(&mut self, key: &str) -> Result<Option<Array<T>>> {
         let bytes = self.unpack(key)?;
         bytes.map(|bytes| npy::read_array(self.path, &label(key), &bytes)).transpose()
     }
@@ -61,6 +71,11 @@ impl<'a> Archive<'a> {
         let promised = entry.size().saturating_sub(bytes.len() as u64);
         match header.data_bytes() {
             Some(needed) if needed as u64 <= promised => {
+                let numbers = (header.elements().unwrap_or(usize::MAX) as u64).saturating_mul(4);
+                self.unpacked = self.unpacked.saturating_add(numbers.max(needed as u64));
+                if self.unpacked > self.limit.bytes() {
+                    return Err(self.limit.exceeded(path, &format!("array '{key}' and those before it")));
+                }
                 // One byte more, as the checksum is compared at the end of the entry.
                 entry.take(needed as u64 + 1).read_to_end(&mut bytes).map_err(|e| wrong(&e))?;
                 Ok(Some(bytes))
@@ -98,7 +113,8 @@ const NORMALS: Names = &["normals", "normal"];
 /// # Errors
 /// [`Error::File`] for a damaged archive or array, [`Error::NotAScan`] where no array holds points.
 pub(super) fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<ScanFile> {
-    let mut archive = Archive::open(path, bytes)?;
+    let limit = UnpackLimit::of_scan(options, bytes.len() as u64);
+    let mut archive = Archive::with_limit(path, bytes, limit)?;
     let keys = archive.keys();
     let find = |names: Names| names.iter().copied().find(|n| keys.iter().any(|k| k == n));
     let apart = find(POINTS).is_none().then(|| three(XYZ, find)).flatten();

@@ -3,18 +3,11 @@
 use super::cloud::{Format, HEAD_BYTES, format_of};
 use super::discover;
 use super::scalar::counted;
+use super::unpack_limit::UnpackLimit;
 use crate::error::{Error, Result};
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
-
-/// Most bytes that a packed file may unpack to.
-const LIMIT_BYTES: u64 = 4 << 30;
-/// Most bytes that a packed byte may unpack to, beyond [`LIMIT_FLOOR_BYTES`]. Scans pack to a half or a
-/// tenth; only files made to exhaust memory come near.
-const LIMIT_RATIO: u64 = 1000;
-/// What every packed file may unpack to: small files of one repeated number are no bomb.
-const LIMIT_FLOOR_BYTES: u64 = 64 << 20;
 
 /// The content of a packed file.
 #[derive(Debug)]
@@ -25,25 +18,13 @@ pub(super) struct Unpacked {
     pub bytes: Vec<u8>,
 }
 
-/// Most bytes that so many packed ones are unpacked to.
-fn limit_bytes(packed: u64) -> u64 {
-    most_bytes(packed).min(LIMIT_BYTES)
-}
-
-/// Most bytes that so many packed ones are taken to stand for, where they need not be held at once.
-pub(super) fn most_bytes(packed: u64) -> u64 {
-    packed.saturating_mul(LIMIT_RATIO).saturating_add(LIMIT_FLOOR_BYTES)
-}
-
 /// Unpacks a gzip file; its content is named as the file is, without `.gz`.
 ///
 /// # Errors
 /// [`Error::File`] for damaged or too much content, and for content that is no scan.
-pub(super) fn gunzip(path: &Path, mut file: BufReader<File>) -> Result<Unpacked> {
-    let packed = file.seek(SeekFrom::End(0)).and_then(|size| file.rewind().map(|()| size));
-    let packed = packed.map_err(|e| Error::read(path, e))?;
+pub(super) fn gunzip(path: &Path, file: BufReader<File>, limit: UnpackLimit) -> Result<Unpacked> {
     let name = if discover::has_extension(path, &["gz"]) { path.with_extension("") } else { path.into() };
-    let bytes = unpack(path, &name, flate2::bufread::MultiGzDecoder::new(file), limit_bytes(packed))?;
+    let bytes = unpack(path, &name, flate2::bufread::MultiGzDecoder::new(file), limit)?;
     Ok(Unpacked { name, bytes })
 }
 
@@ -51,7 +32,7 @@ pub(super) fn gunzip(path: &Path, mut file: BufReader<File>) -> Result<Unpacked>
 ///
 /// # Errors
 /// [`Error::File`] for a damaged archive, for one without a scan or with several, and for too much content.
-pub(super) fn unzip(path: &Path, mut file: BufReader<File>) -> Result<Unpacked> {
+pub(super) fn unzip(path: &Path, mut file: BufReader<File>, limit: UnpackLimit) -> Result<Unpacked> {
     let damaged = |e: zip::result::ZipError| {
         Error::file(path, format!("a damaged archive ({e})"), "a ZIP or NPZ archive", "copy or save it again")
     };
@@ -64,8 +45,6 @@ pub(super) fn unzip(path: &Path, mut file: BufReader<File>) -> Result<Unpacked> 
     }
     let name = only_scan(path, &names)?;
     let entry = archive.by_name(&name).map_err(damaged)?;
-    // What the archive says of itself is not trusted.
-    let limit = limit_bytes(entry.compressed_size());
     let name = PathBuf::from(&name);
     let bytes = unpack(path, &name, entry, limit)?;
     Ok(Unpacked { name, bytes })
@@ -113,9 +92,9 @@ fn listed(unit: &str, names: &[impl AsRef<str>]) -> String {
     format!("{} ({}{more})", counted(names.len(), unit), shown.join(", ").escape_debug())
 }
 
-/// All bytes of `content`, which may be at most `limit`. The format is looked at before the rest is
+/// All bytes of `content`, up to the limit: what an archive says of its sizes is not trusted. The format is looked at before the rest is
 /// unpacked, so that what is no scan costs nothing.
-fn unpack(path: &Path, name: &Path, mut content: impl Read, limit: u64) -> Result<Vec<u8>> {
+fn unpack(path: &Path, name: &Path, mut content: impl Read, limit: UnpackLimit) -> Result<Vec<u8>> {
     let damaged = |e: std::io::Error| {
         let found = format!("packed content that cannot be unpacked ({e})");
         Error::file(path, found, "a whole .gz or .zip file", "copy or pack the file again")
@@ -132,17 +111,28 @@ fn unpack(path: &Path, name: &Path, mut content: impl Read, limit: u64) -> Resul
     if matches!(format_of(path, name, &bytes)?, Format::Gzip | Format::Zip) {
         return Err(packed_twice(path, name));
     }
-    content.take((limit + 1).saturating_sub(bytes.len() as u64)).read_to_end(&mut bytes).map_err(damaged)?;
-    if bytes.len() as u64 > limit {
-        let found = format!("content of more than {} MiB when unpacked", limit >> 20);
-        let expected = format!(
-            "at most {} GiB, and {LIMIT_RATIO} times the packed size and {} MiB",
-            LIMIT_BYTES >> 30,
-            LIMIT_FLOOR_BYTES >> 20
-        );
-        return Err(Error::file(path, found, expected, "unpack it and name the file itself"));
+    let most = limit.bytes().saturating_add(1).saturating_sub(bytes.len() as u64);
+    read_more(&mut content, &mut bytes, most).map_err(damaged)?;
+    if bytes.len() as u64 > limit.bytes() {
+        return Err(limit.exceeded(path, "content"));
     }
     Ok(bytes)
+}
+
+/// Reads to the end, or up to so many bytes more. A block that grows by itself would reserve twice as many.
+fn read_more(content: &mut impl Read, bytes: &mut Vec<u8>, most: u64) -> std::io::Result<()> {
+    const LEAST_STEP: usize = 1 << 16;
+    let mut left = most;
+    while left > 0 {
+        let step = (bytes.len().max(LEAST_STEP) as u64).min(left);
+        bytes.try_reserve_exact(step as usize)?;
+        let read = content.by_ref().take(step).read_to_end(bytes)? as u64;
+        if read < step {
+            break;
+        }
+        left -= read;
+    }
+    Ok(())
 }
 
 /// Refuses a packed file in a packed file.

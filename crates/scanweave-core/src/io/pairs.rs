@@ -5,6 +5,7 @@
 //! its share of the seconds that all took which were registered with it.
 
 use super::atomic;
+use super::npy::{Array, Number};
 use super::npz::Archive;
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
@@ -27,28 +28,28 @@ pub type Pairs = BTreeMap<PairKey, (PairRegistration, f64)>;
 /// # Errors
 /// [`Error::Read`]; [`Error::File`] for missing arrays or wrong shapes.
 pub fn read(path: &Path) -> Result<Pairs> {
-    let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
+    let bytes = crate::files::read(path)?;
     let mut archive = Archive::open(path, &bytes)?;
-    let mut numbers = |name: &str, columns: usize| match archive.array(name)? {
+    let keys = numbers_of::<u8>(path, "pairs", KEY, archive.array("pairs")?)?;
+    let values = numbers_of::<f64>(path, "values", VALUES, archive.array("values")?)?;
+    let (keys, values) = (keys.as_chunks::<KEY>().0, values.as_chunks::<VALUES>().0);
+    if keys.len() != values.len() {
+        let found = format!("{} pairs and {} values", keys.len(), values.len());
+        return Err(Error::file(path, found, "as many of both", "delete it; it is made again"));
+    }
+    Ok(keys.iter().map(key).zip(values.iter().map(|row| (registration(row), row[VALUES - 1]))).collect())
+}
+
+/// The numbers of an array of so many columns.
+fn numbers_of<T: Number>(path: &Path, name: &str, columns: usize, array: Option<Array<T>>) -> Result<Vec<T>> {
+    match array {
         Some(array) if array.matrix().is_some_and(|(_, c)| c == columns) => Ok(array.values),
         other => {
             let found = other.map_or("nothing".to_owned(), |a| format!("shape {:?}", a.shape));
             let expected = format!("an array '{name}' of {columns} columns");
             Err(Error::file(path, found, expected, "delete it; it is made again"))
         }
-    };
-    let (keys, values) = (numbers("pairs", KEY)?, numbers("values", VALUES)?);
-    let (keys, values): (Vec<&[f64]>, Vec<&[f64]>) =
-        (keys.chunks_exact(KEY).collect(), values.chunks_exact(VALUES).collect());
-    if keys.len() != values.len() {
-        let found = format!("{} pairs and {} values", keys.len(), values.len());
-        return Err(Error::file(path, found, "as many of both", "delete it; it is made again"));
     }
-    Ok(keys
-        .into_iter()
-        .map(key)
-        .zip(values.into_iter().map(|row| (registration(row), row[VALUES - 1])))
-        .collect())
 }
 
 /// Writes pairwise registrations.
@@ -69,8 +70,8 @@ pub fn write(path: &Path, pairs: &Pairs) -> Result<()> {
     })
 }
 
-fn key(row: &[f64]) -> PairKey {
-    let half = |from: usize| std::array::from_fn(|k| row[from + k] as u8);
+fn key(row: &[u8; KEY]) -> PairKey {
+    let half = |from: usize| std::array::from_fn(|k| row[from + k]);
     PairKey { target: half(0), source: half(KEY / 2) }
 }
 
@@ -81,7 +82,7 @@ fn numbers((pair, seconds): &(PairRegistration, f64)) -> [f64; VALUES] {
     [t.x, t.y, t.z, q.x, q.y, q.z, q.w, matches, inliers, residual, overlap, distance, *seconds]
 }
 
-fn registration(row: &[f64]) -> PairRegistration {
+fn registration(row: &[f64; VALUES]) -> PairRegistration {
     let q = Quaternion::new(row[6], row[3], row[4], row[5]);
     PairRegistration {
         // Not normalised again: the numbers must come back as they were.

@@ -7,6 +7,7 @@ use super::pcd_header::{CUT_SHORT, Color, Encoding, Header, Place, Places, parse
 use super::pcd_viewpoint::place_sensor;
 use super::scalar::{Endian, Scalar, counted, parse_number};
 use super::scan_file::{ReadOptions, ScanFile, StoredScan};
+use super::unpack_limit::UnpackLimit;
 use super::vertices::Vertices;
 use crate::error::{Error, Result};
 use crate::scan::PointCloud;
@@ -33,7 +34,8 @@ pub(super) fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<S
             decode(data, header.points, &places)
         }
         Encoding::Compressed => {
-            let columns = decompress(path, data)?;
+            let limit = UnpackLimit::of_scan(options, bytes.len() as u64);
+            let columns = decompress(path, data, limit)?;
             if stride.checked_mul(header.points) != Some(columns.len()) {
                 return Err(short(path, &header, stride, columns.len()));
             }
@@ -103,7 +105,7 @@ fn decode(data: &[u8], n: usize, places: &Places) -> PointCloud {
 }
 
 /// The columns of a binary_compressed body: compressed length, plain length, LZF stream.
-fn decompress(path: &Path, data: &[u8]) -> Result<Vec<u8>> {
+fn decompress(path: &Path, data: &[u8], limit: UnpackLimit) -> Result<Vec<u8>> {
     let length = |at: usize| {
         let bytes = data.get(at..at + 4)?.first_chunk().copied()?;
         Some(u32::from_le_bytes(bytes) as usize)
@@ -124,6 +126,9 @@ fn decompress(path: &Path, data: &[u8]) -> Result<Vec<u8>> {
             CUT_SHORT,
         ));
     };
+    if plain as u64 > limit.bytes() {
+        return Err(limit.exceeded(path, "points"));
+    }
     lzf::decompress(stream, plain).map_err(|got| {
         let expected = format!("{plain} bytes as its header says");
         Error::file(

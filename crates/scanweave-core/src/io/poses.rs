@@ -7,11 +7,11 @@
 use super::scalar::parse_number;
 use crate::atomic;
 use crate::error::{Error, Result};
+use crate::files;
 use crate::geometry::RigidMotion;
 use crate::geometry::rigid::motion_from_matrix;
 use crate::scan::ScanId;
 use nalgebra::{Matrix4, Matrix6, Quaternion, Translation3, UnitQuaternion, Vector3};
-use std::fs;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -71,7 +71,7 @@ pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
 }
 
 pub(super) fn read_text(path: &Path) -> Result<String> {
-    let bytes = fs::read(path).map_err(|e| Error::read(path, e))?;
+    let bytes = files::read(path)?;
     Ok(String::from_utf8_lossy(&bytes).trim_start_matches('\u{feff}').to_owned())
 }
 

@@ -26,6 +26,10 @@ pub struct ReadOptions {
     /// File of the intrinsics of depth images, where none lies beside them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub intrinsics: Option<PathBuf>,
+    /// Most MiB that a packed file or image may unpack to. Not given: 64 MiB and 100 times the size of the
+    /// file up to 4 GiB, or 20 times its size where that is more.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unpack_limit_mib: Option<u64>,
     /// Whether intensities and normals are read, which registration does not need.
     #[serde(skip)]
     pub attributes: bool,
@@ -43,6 +47,15 @@ impl ReadOptions {
             }
             _ => Ok(()),
         };
+        if self.unpack_limit_mib == Some(0) {
+            let remedy = "correct it or leave it out";
+            return Err(Error::setting(
+                "input.unpack_limit_mib",
+                "0",
+                "a whole number of MiB from 1",
+                remedy,
+            ));
+        }
         positive("input.unit_m", self.unit_m)?;
         positive("input.depth_units_per_m", self.depth_units_per_m)
     }

@@ -29,12 +29,17 @@ pub fn csv(similarity: &SimilarityMatrix, document: &Document) -> String {
 /// # Errors
 /// [`Error::Read`], or [`Error::File`] for another file or one that lacks a pair.
 pub fn read_predicted(path: &Path, n: usize) -> Result<SimilarityMatrix> {
-    let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+    let text = crate::files::read_text(path)?;
     let expected = || format!("'{}' and a line for every pair of {n} scans", HEAD.join(","));
     let refuse = |found: String| Error::file(path, found, expected(), "register again, or remove the file");
     let mut lines = text.lines().enumerate();
     if lines.next().map(|l| l.1) != Some(&HEAD.join(",")) {
         return Err(refuse("another first line".to_owned()));
+    }
+    // A line for every pair, each of six characters at least: the file has room for what is reserved.
+    let pairs_in_all = n.saturating_mul(n.saturating_sub(1)) / 2;
+    if pairs_in_all.saturating_mul(6) > text.len() {
+        return Err(refuse(format!("{} bytes", text.len())));
     }
     let mut values = vec![0.0f32; n * n];
     let mut pairs = 0;

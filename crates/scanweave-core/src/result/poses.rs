@@ -139,7 +139,7 @@ impl Document {
     /// # Errors
     /// [`Error::Read`], or [`Error::File`] when the file is of another kind or version.
     pub fn load(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+        let text = crate::files::read_text(path)?;
         let expected = format!("{FORMAT} of version {VERSION}, as `scanweave register` writes it");
         let remedy = "name the output folder of a finished registration";
         let document: Self = serde_json::from_str(&text)

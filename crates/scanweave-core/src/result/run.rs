@@ -125,7 +125,7 @@ impl RunReport {
     /// # Errors
     /// [`Error::Read`], or [`Error::File`] when the file is no such report.
     pub fn load(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+        let text = crate::files::read_text(path)?;
         serde_json::from_str(&text).map_err(|e| {
             let expected = "a report as `scanweave register` writes it";
             let remedy = "name the output folder of a finished registration, or register again";

@@ -173,7 +173,7 @@ impl Checkpoint {
     /// When the file cannot be read, is not one of ours, is cut short or altered, or has another
     /// format version.
     pub fn load(path: &Path) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
+        let bytes = crate::files::read(path)?;
         Self::from_bytes(path, &bytes)
     }
 

@@ -63,7 +63,7 @@ impl Checkpoint {
     /// # Errors
     /// When the file cannot be read, is no network of ours, is cut short or altered.
     pub fn load(path: &Path) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
+        let bytes = crate::files::read(path)?;
         Self::from_bytes(path, &bytes)
     }
 

@@ -2,8 +2,9 @@
 
 use super::intrinsics::same_aspect;
 use super::png_file;
+use crate::files;
 use crate::io::scan_file::Note;
-use std::fs;
+use crate::io::unpack_limit::UnpackLimit;
 use std::path::Path;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
@@ -12,6 +13,8 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 /// Pixels that a byte of a JPEG stands for at most: a block of 8×8 takes a bit or more.
 const LARGEST_JPEG_EXPANSION: usize = 8 * 64;
+
+const TOO_LARGE: &str = "more pixels than a file of its size may unpack to";
 
 /// A colour image of 8 bits a channel.
 #[derive(Debug, PartialEq)]
@@ -27,7 +30,7 @@ struct ColorImage {
 /// The colour image is taken as registered to the depth image: the same view, of the same size or a
 /// larger or smaller one. Scans need no colours, so an image that does not fit is no error.
 pub(super) fn colors_of(path: &Path, width: usize, height: usize) -> (Option<Vec<[u8; 3]>>, Option<Note>) {
-    let bytes = fs::read(path).map_err(|e| e.to_string());
+    let bytes = files::read(path).map_err(|e| e.to_string());
     let Ok(image) = bytes.and_then(|bytes| decode(&bytes)) else {
         return (None, Some(Note::warning("colour images that cannot be read are left out")));
     };
@@ -55,10 +58,14 @@ impl ColorImage {
 }
 
 fn decode(bytes: &[u8]) -> Result<ColorImage, String> {
-    if bytes.starts_with(b"\x89PNG") { decode_png(bytes) } else { decode_jpeg(bytes) }
+    let limit = UnpackLimit::of_other(bytes.len() as u64).bytes();
+    if bytes.starts_with(b"\x89PNG") { decode_png(bytes, limit) } else { decode_jpeg(bytes, limit) }
 }
 
-fn decode_png(bytes: &[u8]) -> Result<ColorImage, String> {
+fn decode_png(bytes: &[u8], limit: u64) -> Result<ColorImage, String> {
+    if png_file::stated_bytes(bytes)? > limit {
+        return Err(TOO_LARGE.to_owned());
+    }
     let mut reader = png_file::open(bytes, png::Transformations::normalize_to_color8())?;
     let channels = reader.output_color_type().0.samples();
     let (width, height, pixels) = png_file::pixels(&mut reader)?;
@@ -69,7 +76,7 @@ fn decode_png(bytes: &[u8]) -> Result<ColorImage, String> {
     Ok(ColorImage { width, height, rgb })
 }
 
-fn decode_jpeg(bytes: &[u8]) -> Result<ColorImage, String> {
+fn decode_jpeg(bytes: &[u8], limit: u64) -> Result<ColorImage, String> {
     let options = DecoderOptions::default().jpeg_set_out_colorspace(ColorSpace::RGB);
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
     decoder.decode_headers().map_err(|e| e.to_string())?;
@@ -78,6 +85,9 @@ fn decode_jpeg(bytes: &[u8]) -> Result<ColorImage, String> {
     // Before `decode`, which allocates what the header states.
     if width * height > bytes.len() * LARGEST_JPEG_EXPANSION {
         return Err(format!("its header states {width}x{height} pixels, more than its bytes can hold"));
+    }
+    if (width * height * 3) as u64 > limit {
+        return Err(TOO_LARGE.to_owned());
     }
     let pixels = decoder.decode().map_err(|e| e.to_string())?;
     let rgb = pixels.as_chunks::<3>().0.to_vec();

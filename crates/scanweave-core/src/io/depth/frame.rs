@@ -1,6 +1,7 @@
 //! Where a depth image lies, and what the data sets keep beside it under which names.
 
 use super::layout_lists::{TimedFile, nearest, timed_files};
+use crate::files;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -130,7 +131,7 @@ impl Frame {
     fn tum_color(&self) -> Option<PathBuf> {
         let mine = |file: &str| Path::new(file).file_stem().is_some_and(|s| s == self.stem.as_str());
         for name in ASSOCIATIONS {
-            for line in fs::read_to_string(self.above.join(name)).unwrap_or_default().lines() {
+            for line in files::read_text(&self.above.join(name)).unwrap_or_default().lines() {
                 let words: Vec<&str> = line.split_whitespace().collect();
                 // `time file time file`, in either order.
                 let [_, a, _, b] = words[..] else { continue };

@@ -2,7 +2,9 @@
 
 use super::png_file;
 use crate::error::{Error, Result};
-use std::fs;
+use crate::files;
+use crate::io::scan_file::ReadOptions;
+use crate::io::unpack_limit::UnpackLimit;
 use std::path::Path;
 
 /// A depth image: distance along the optical axis, 0 and 65535 for no measurement.
@@ -55,18 +57,20 @@ pub(in crate::io) fn is_image(bytes: &[u8]) -> bool {
 /// a format that is not read.
 pub fn read_depth_png(path: impl AsRef<Path>) -> Result<DepthImage> {
     let path = path.as_ref();
-    decode(path, &fs::read(path).map_err(|e| Error::read(path, e))?)
+    let bytes = files::read(path)?;
+    let limit = UnpackLimit::of_scan(&ReadOptions::default(), bytes.len() as u64);
+    decode(path, &bytes, limit)
 }
 
 /// [`read_depth_png`] of the file's bytes.
-pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<DepthImage> {
+pub(super) fn decode(path: &Path, bytes: &[u8], limit: UnpackLimit) -> Result<DepthImage> {
     let other = |found: &str| {
         let remedy =
             "convert it to a 16-bit greyscale PNG in millimetres, or in other whole units with --depth-scale";
         Error::file(path, found, "a depth image in PNG or PGM", remedy)
     };
     match kind_of(bytes) {
-        Some(Kind::Png) => decode_png(path, bytes),
+        Some(Kind::Png) => decode_png(path, bytes, limit),
         Some(Kind::Pgm) => decode_pgm(path, bytes),
         Some(Kind::Tiff) => Err(other("a TIFF image, which is not read")),
         Some(Kind::Exr) => Err(other("an OpenEXR image, which is not read")),
@@ -84,8 +88,11 @@ fn not_depth(path: &Path, found: String) -> Error {
     Error::not_a_scan(path, found, EXPECTED, "give the depth image, not the colour image, saved with 16 bits")
 }
 
-fn decode_png(path: &Path, bytes: &[u8]) -> Result<DepthImage> {
+fn decode_png(path: &Path, bytes: &[u8], limit: UnpackLimit) -> Result<DepthImage> {
     let bad = |why: String| damaged(path, "PNG", &why);
+    if png_file::stated_bytes(bytes).map_err(bad)? > limit.bytes() {
+        return Err(limit.exceeded(path, "pixels"));
+    }
     let mut reader = png_file::open(bytes, png::Transformations::IDENTITY).map_err(bad)?;
     let (color, depth) = reader.output_color_type();
     if (color, depth) != (png::ColorType::Grayscale, png::BitDepth::Sixteen) {

@@ -2,9 +2,9 @@
 
 use super::camera_keys::{Keys, words};
 use crate::error::{Error, Result};
+use crate::files;
 use crate::io::scalar::parse_number;
 use crate::io::scan_file::Note;
-use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -149,7 +149,7 @@ pub(super) fn read_camera(path: &Path) -> Result<Camera> {
 /// The text of a small file.
 pub(super) fn small_text(path: &Path) -> Result<String> {
     let mut bytes = Vec::new();
-    let file = File::open(path).map_err(|e| Error::read(path, e))?;
+    let file = files::open(path)?;
     file.take(LARGEST_FILE + 1).read_to_end(&mut bytes).map_err(|e| Error::read(path, e))?;
     if bytes.len() as u64 > LARGEST_FILE {
         return Err(Error::file(

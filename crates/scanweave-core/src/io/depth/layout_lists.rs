@@ -1,13 +1,13 @@
 //! Lists of the TUM layout, and poses that lie beside depth images.
 
 use super::frame::{Frame, Layout, SAME_TIME_S};
+use crate::files;
 use crate::geometry::RigidMotion;
 use crate::geometry::rigid::motion_from_matrix;
 use crate::io::poses::ORTHONORMAL_TOLERANCE;
 use crate::io::scalar::parse_number;
 use crate::io::scan_file::Note;
 use nalgebra::{Matrix4, Quaternion, Translation3, UnitQuaternion};
-use std::fs;
 use std::path::Path;
 
 /// A line `time file` of `rgb.txt` or `depth.txt`.
@@ -21,7 +21,7 @@ pub(super) struct TimedFile {
 
 /// The lines `time file` of a list; none where there is no list.
 pub(super) fn timed_files(list: &Path) -> Vec<TimedFile> {
-    let text = fs::read_to_string(list).unwrap_or_default();
+    let text = files::read_text(list).unwrap_or_default();
     let lines = text.lines().filter(|l| !l.starts_with('#'));
     let timed = lines.filter_map(|line| {
         let (time, file) = line.trim().split_once(char::is_whitespace)?;
@@ -39,13 +39,13 @@ pub(super) fn nearest(files: &[TimedFile], time_s: f64, within_s: f64) -> Option
 
 /// `world_from_camera` that lies beside an image, and what is worth saying of it.
 pub(super) fn pose_beside(frame: &Frame) -> (Option<RigidMotion>, Option<Note>) {
-    if let Some(text) = frame.pose_file().and_then(|p| fs::read_to_string(p).ok()) {
+    if let Some(text) = frame.pose_file().and_then(|p| files::read_text(&p).ok()) {
         return pose_of_matrix(&text);
     }
     if frame.layout != Layout::Tum {
         return (None, None);
     }
-    let text = fs::read_to_string(frame.above.join("groundtruth.txt")).unwrap_or_default();
+    let text = files::read_text(&frame.above.join("groundtruth.txt")).unwrap_or_default();
     (frame.time_s().and_then(|time_s| pose_at(&text, time_s)), None)
 }
 

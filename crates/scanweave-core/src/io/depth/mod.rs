@@ -14,6 +14,7 @@ mod png_file;
 mod tests;
 
 use super::scan_file::{Note, ReadOptions, ScanFile, StoredScan};
+use super::unpack_limit::UnpackLimit;
 use crate::error::{Error, Result};
 use crate::scan::assemble::{Attributes, assemble_with};
 use crate::scan::{self, PointCloud};
@@ -40,7 +41,8 @@ const PLAUSIBLE_MEDIAN_M: std::ops::Range<f64> = 0.05..10.0;
 /// Those of [`read_depth_png`] and [`find_intrinsics`]; [`Error::File`] for a calibration of images of
 /// another shape.
 pub(super) fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<ScanFile> {
-    let image = image::decode(path, bytes)?;
+    let limit = UnpackLimit::of_scan(options, bytes.len() as u64);
+    let image = image::decode(path, bytes, limit)?;
     let frame = Frame::of(path);
     let camera = find_camera(path, &frame, options.intrinsics.as_deref())?;
     let (intrinsics, mut notes) = camera.for_images(image.width, image.height)?;

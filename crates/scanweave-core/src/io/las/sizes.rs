@@ -2,14 +2,17 @@
 
 use super::{cut_short, damaged};
 use crate::error::Result;
-use crate::io::packed::most_bytes;
 use crate::io::scalar::counted;
+use crate::io::scan_file::ReadOptions;
+use crate::io::unpack_limit::UnpackLimit;
 use ::las::{Header, raw};
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::Path;
 
 /// The two upper bits of the format of the points mark LAZ.
 const PACKED: u8 = 0xc0;
+/// Bytes of points that a packed byte stands for at most; a file that promises more is cut short.
+const LARGEST_EXPANSION: u64 = 1000;
 /// In LAZ the place of the table of chunks stands before the points.
 const TABLE_PLACE_BYTES: u64 = 8;
 /// Id of the record that says how LAZ is packed.
@@ -20,8 +23,13 @@ const WITHOUT_CHUNKS: u16 = 1;
 /// Where the points of a file end. The file is left at its start.
 ///
 /// # Errors
-/// [`Error::File`](crate::Error::File) for more points, chunks or extended records than it has room for.
-pub(super) fn end_of_points(path: &Path, file: &mut (impl Read + Seek)) -> Result<u64> {
+/// [`Error::File`](crate::Error::File) for more points, chunks or extended records than it has room for, and
+/// for packed points beyond the limit.
+pub(super) fn end_of_points(
+    path: &Path,
+    file: &mut (impl Read + Seek),
+    options: &ReadOptions,
+) -> Result<u64> {
     let io = |e: io::Error| damaged(path, &e);
     let size = file.seek(SeekFrom::End(0)).map_err(io)?;
     file.rewind().map_err(io)?;
@@ -45,10 +53,16 @@ pub(super) fn end_of_points(path: &Path, file: &mut (impl Read + Seek)) -> Resul
     }
     let packed = header.point_data_record_format & PACKED != 0;
     let held = end.saturating_sub(start);
-    let room = if packed { most_bytes(held) } else { held };
-    if promised.checked_mul(record).is_none_or(|needed| needed > room) {
+    let limit = UnpackLimit::of_scan(options, size);
+    let most = held.saturating_mul(LARGEST_EXPANSION).max(limit.bytes());
+    let room = if packed { most } else { held };
+    let stated = promised.saturating_mul(record);
+    if stated > room {
         let room = counted(room.checked_div(record).unwrap_or(0) as usize, "point");
         return Err(cut_short(path, format!("room for {room}"), promised));
+    }
+    if packed && stated > limit.bytes() {
+        return Err(limit.exceeded(path, "points"));
     }
     if packed {
         end = end_of_chunks(path, file, (start, size), (record, promised))?;

@@ -37,7 +37,7 @@ fn plain_arrays_in_either_order_and_in_half_precision() {
     assert_eq!(cloud(&npy("'>f2'", "False", "(2, 3)", &halves)).points, two());
     let grid = le(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
     assert_eq!(cloud(&npy("'<f4'", "False", "(1, 2, 3)", &grid)).points, two());
-    let array = read_array(Path::new("a.npy"), "", &npy("'<f4'", "True", "(2, 4)", &columns)).unwrap();
+    let array: Array = read_array(Path::new("a.npy"), "", &npy("'<f4'", "True", "(2, 4)", &columns)).unwrap();
     assert_eq!(array.values, [1.0, 2.0, 3.0, 9.0, 4.0, 5.0, 6.0, 9.0]);
 }
 
@@ -96,7 +96,7 @@ fn shapes_without_data_neither_loop_nor_allocate() {
             let bytes = npy(descr, order, &shape, &[]);
             let points = read_npy(&bytes).map_or(0, |f| f.scans[0].cloud.len());
             assert_eq!(points, 0, "{descr} {shape}");
-            let values = read_array(Path::new("a.npy"), "", &bytes).map_or(0, |a| a.values.len());
+            let values = read_array(Path::new("a.npy"), "", &bytes).map_or(0, |a: Array| a.values.len());
             assert_eq!(values, 0, "{descr} {shape}");
         }
     }

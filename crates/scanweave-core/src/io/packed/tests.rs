@@ -115,18 +115,18 @@ fn content_that_is_no_scan_is_refused_by_its_first_bytes() {
 #[test]
 fn more_than_the_limit_is_not_unpacked() {
     let content = [b"1 2 3\n".as_slice(), &[b' '; 9000]].concat();
-    let unpack_to = |limit: u64| {
-        unpack(Path::new("a.xyz.gz"), Path::new("a.xyz"), content.as_slice(), limit).map(|bytes| bytes.len())
+    let unpack_to = |content: &mut dyn Read, mib: u64| {
+        let options = ReadOptions { unpack_limit_mib: Some(mib), ..ReadOptions::default() };
+        let limit = UnpackLimit::of_scan(&options, 0);
+        unpack(Path::new("a.xyz.gz"), Path::new("a.xyz"), content, limit).map(|bytes| bytes.len())
     };
-    assert_eq!(unpack_to(9006).unwrap(), 9006);
-    for limit in [9005, 5000, 100, 0] {
-        assert!(unpack_to(limit).unwrap_err().to_string().contains("when unpacked"), "{limit}");
-    }
+    // Exactly a MiB, and one byte more.
+    let spaces = (1 << 20) - content.len() as u64;
+    let padded = |more: u64| content.as_slice().chain(std::io::repeat(b' ').take(spaces + more));
+    assert_eq!(unpack_to(&mut padded(0), 1).unwrap(), 1 << 20);
+    let said = unpack_to(&mut padded(1), 1).unwrap_err().to_string();
+    assert!(said.contains("content of more than 1 MiB when unpacked"), "{said}");
+    assert_eq!(unpack_to(&mut padded(1), 2).unwrap(), (1 << 20) + 1);
     // Content without an end.
-    let endless = std::io::Cursor::new(b"1 2 3\n").chain(std::io::repeat(b' '));
-    assert!(unpack(Path::new("a.xyz.gz"), Path::new("a.xyz"), endless, 1 << 20).is_err());
-    // 64 MiB for every file, a thousandfold of what is there, 4 GiB at most.
-    assert_eq!(limit_bytes(0), 67_108_864);
-    assert_eq!(limit_bytes(1_000_000), 1_067_108_864);
-    assert_eq!(limit_bytes(u64::MAX), 4_294_967_296);
+    assert!(unpack_to(&mut b"1 2 3\n".chain(std::io::repeat(b' ')), 1).is_err());
 }

@@ -39,7 +39,7 @@ impl LitsWeights {
     /// # Errors
     /// When the file cannot be read or is not what [`to_bytes`](Self::to_bytes) makes.
     pub fn load(path: &Path) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|e| Error::read(path, e))?;
+        let bytes = crate::files::read(path)?;
         let wrong = |found: String| {
             let remedy = "make one with `scanweave import-weights --from lits`";
             Error::file(path, found, format!("weights of LITS, format {FORMAT_VERSION}"), remedy)
