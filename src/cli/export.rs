@@ -164,10 +164,14 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     if let (Some(folder), Some(format)) = (&arguments.export_scans, arguments.format) {
         let options = read_as_before(&arguments.result.join(CONFIG))?;
         let progress = Progress::start(verbosity)?;
-        let files = export_scans(&document, &options, folder, format, arguments.force, &progress)?;
+        let exported = export_scans(&document, &options, folder, format, arguments.force, &progress)?;
         if !verbosity.quiet {
-            let n = files.len();
-            terminal::print_line(&format!("written  {}: {n} files of scans", folder.display()))?;
+            let files = counted(exported.files.len(), "file");
+            terminal::print_line(&format!("written  {}: {files} of scans", folder.display()))?;
+            if !exported.left_out.is_empty() {
+                let names = shown(&exported.left_out);
+                terminal::print_line(&format!("left out {names}: without a pose"))?;
+            }
         }
     }
     if arguments.exports.is_empty() {

@@ -46,7 +46,13 @@ pub(super) fn read(
 }
 
 /// Vertex rows of equal length, decoded where they lie.
-fn fixed_rows(rows: &[u8], element: &Element, stride: usize, fields: &Fields, endian: Endian) -> PointCloud {
+pub(super) fn fixed_rows(
+    rows: &[u8],
+    element: &Element,
+    stride: usize,
+    fields: &Fields,
+    endian: Endian,
+) -> PointCloud {
     let place = |index: usize| {
         let offset: usize = element.properties[..index].iter().map(|p| scalar_of(p.kind).size()).sum();
         (scalar_of(element.properties[index].kind), offset)

@@ -2,6 +2,7 @@
 
 mod ascii;
 mod binary;
+pub(super) mod blocks;
 mod header;
 #[cfg(test)]
 mod tests;
