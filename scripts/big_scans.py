@@ -1,8 +1,9 @@
 """Makes scans as large as those of terrestrial scanners, to measure time and memory with.
 
-Each is a furnished room seen from a place in it: analytic surfaces with noise, sampled evenly by area and
+Also a source of scans with all attributes for check-exports.sh. Each is a furnished room seen from a place in it: analytic surfaces with noise, sampled evenly by area and
 cut to what the sensor faces. Written as binary little-endian PLY with normals, colours and intensities,
-in the coordinates of the sensor; truth.json has the poses. Needs numpy.
+in the coordinates of the sensor, or moved from there by --origin with double precision; truth.json has the
+poses. Needs numpy.
 
     big_scans.py OUT --scans 2 --points 20000000
 """
@@ -16,11 +17,15 @@ import numpy as np
 
 BLOCK = 1 << 20
 ROOM = (9.0, 7.0, 3.2)
-ROW = np.dtype(
-    [(n, "<f4") for n in ("x", "y", "z", "nx", "ny", "nz")]
-    + [(n, "u1") for n in ("red", "green", "blue")]
-    + [("intensity", "<f4")]
-)
+
+
+def row_of(coordinate):
+    return np.dtype(
+        [(n, coordinate) for n in ("x", "y", "z")]
+        + [(n, "<f4") for n in ("nx", "ny", "nz")]
+        + [(n, "u1") for n in ("red", "green", "blue")]
+        + [("intensity", "<f4")]
+    )
 
 
 def boxes(rng):
@@ -64,19 +69,20 @@ def block(rng, scene, weights, sensor, n, noise):
     return points, normal[face], (colour[face] + stripes).clip(0, 255), cosine
 
 
-def write(path, rng, scene, pose, n, noise):
+def write(path, rng, scene, pose, n, noise, origin):
     area = np.array([np.linalg.norm(np.cross(a, b)) for _, a, b, _, _ in scene])
     turn, sensor = pose[:3, :3], pose[:3, 3]
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {n}"]
-    words = {"<f4": "float", "|u1": "uchar"}
-    lines += [f"property {words[ROW[name].str]} {name}" for name in ROW.names] + ["end_header", ""]
+    words = {"<f4": "float", "<f8": "double", "|u1": "uchar"}
+    row = row_of("<f8" if origin.any() else "<f4")
+    lines += [f"property {words[row[name].str]} {name}" for name in row.names] + ["end_header", ""]
     with open(path, "wb") as file:
         file.write("\n".join(lines).encode())
         while n:
             points, normals, colours, cosine = block(rng, scene, area / area.sum(), sensor, BLOCK, noise)
-            rows = np.empty(min(n, len(points)), ROW)
+            rows = np.empty(min(n, len(points)), row)
             # Rows of row vectors: R^T (p - t) is (p - t) R.
-            local = (points - sensor) @ turn
+            local = (points - sensor) @ turn + origin
             for k, name in enumerate("xyz"):
                 rows[name] = local[: len(rows), k]
                 rows["n" + name] = (normals @ turn)[: len(rows), k]
@@ -93,6 +99,7 @@ def main():
     parser.add_argument("--scans", type=int, default=2)
     parser.add_argument("--points", type=int, default=20_000_000)
     parser.add_argument("--noise", type=float, default=0.002, help="along the ray, metres")
+    parser.add_argument("--origin", type=float, nargs=3, default=[0, 0, 0], metavar=("X", "Y", "Z"))
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     rng = np.random.default_rng(arguments.seed)
@@ -105,7 +112,9 @@ def main():
         pose[:2, :2] = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
         pose[:3, 3] = [2.5 + 3.5 * (k % 2), 2.5 + 0.8 * k % 3, 1.6]
         name = f"big_{k}.ply"
-        write(arguments.out / name, rng, scene, pose, arguments.points, arguments.noise)
+        origin = np.array(arguments.origin)
+        write(arguments.out / name, rng, scene, pose, arguments.points, arguments.noise, origin)
+        pose[:3, 3] -= pose[:3, :3] @ origin
         truth[name] = pose.tolist()
     (arguments.out / "truth.json").write_text(json.dumps(truth, indent=1))
 

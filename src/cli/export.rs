@@ -30,7 +30,8 @@ pub struct Arguments {
     #[command(flatten)]
     exports: ExportOptions,
     /// Write every placed scan whole, moved into the frame of its component, with colour, intensity and
-    /// normals, into this folder. The files of the scans are read again, one at a time.
+    /// normals, into this folder. The files of the scans are read again, block by block where they are
+    /// binary PLY or PCD, LAS, LAZ or E57, else one at a time.
     #[arg(long, value_name = "DIR", requires = "format")]
     export_scans: Option<PathBuf>,
     /// Format of the scans: ply, pcd, las or laz (without normals), one file a scan; or e57, one file
@@ -166,11 +167,11 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
         let progress = Progress::start(verbosity)?;
         let exported = export_scans(&document, &options, folder, format, arguments.force, &progress)?;
         if !verbosity.quiet {
-            let files = counted(exported.files.len(), "file");
-            terminal::print_line(&format!("written  {}: {files} of scans", folder.display()))?;
+            let n = exported.files.len();
+            terminal::print_line(&format!("written  {}: {n} files of scans", folder.display()))?;
             if !exported.left_out.is_empty() {
-                let names = shown(&exported.left_out);
-                terminal::print_line(&format!("left out {names}: without a pose"))?;
+                let names = exported.left_out.join(", ");
+                terminal::print_line(&format!("left out {names}: no pose"))?;
             }
         }
     }

@@ -98,3 +98,247 @@ fn a_scan_whose_file_is_gone_is_an_error_that_names_it() {
     assert!(error.unwrap_err().to_string().contains("s1.ply"));
     assert!(!out.join("scans_1.e57").exists());
 }
+
+/// A result of scans with these names and files, all placed where they are, as one component.
+fn result_of(scans: &[(&str, PathBuf)]) -> Document {
+    let outcomes = scans.iter().map(|_| placed(RigidMotion::identity(), 0)).collect();
+    let scan = |(k, (name, path)): (usize, &(&str, PathBuf))| {
+        let (name, path) = ((*name).to_owned(), Some(path.clone()));
+        Scan { id: ScanId(k), name, path, ..Scan::default() }
+    };
+    let scans: Vec<Scan> = scans.iter().enumerate().map(scan).collect();
+    Document::new(&scans, &Reconstruction { outcomes }, 0.07)
+}
+
+/// A file of as many points as `x`, one at each of these places.
+fn file_at(path: PathBuf, x: &[f32], colors: Option<&[[u8; 3]]>) -> PathBuf {
+    let points: Vec<Point> = x.iter().map(|&x| Point::new(x, 1.0, 2.0)).collect();
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    io::write_ply(&path, &io::PlyCloud { points: &points, colors, ..io::PlyCloud::default() }).unwrap();
+    path
+}
+
+fn export(document: &Document, out: &Path, format: ScanFormat) -> Result<Exported> {
+    export_scans(document, &ReadOptions::default(), out, format, true, &Silent)
+}
+
+/// The first x of every file, or of every scan of the first.
+fn first_x(files: &[PathBuf]) -> Vec<f32> {
+    let scans = |file: &PathBuf| io::read_file(file, &ReadOptions::default()).unwrap().scans;
+    files.iter().flat_map(scans).map(|s| s.cloud.points[0].x).collect()
+}
+
+/// Names of all that lies in a folder and in the folders in it.
+fn names_in(folder: &Path) -> Vec<String> {
+    let mut names = Vec::new();
+    for entry in std::fs::read_dir(folder).into_iter().flatten() {
+        let path = entry.unwrap().path();
+        match path.is_dir() {
+            true => names.extend(names_in(&path)),
+            false => names.push(path.file_name().unwrap().to_string_lossy().into_owned()),
+        }
+    }
+    names.sort();
+    names
+}
+
+#[test]
+fn scans_of_the_same_name_have_files_of_their_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str, x: f32| file_at(folder.path().join(name), &[x], None);
+    let document = result_of(&[
+        ("a/room", at("a/room.ply", 1.0)),
+        ("b/room", at("b/room.ply", 2.0)),
+        ("room#2", at("room#2.ply", 3.0)),
+        ("Room#2", at("d/Room#2.ply", 4.0)),
+    ]);
+    for format in [ScanFormat::Ply, ScanFormat::Pcd, ScanFormat::Las, ScanFormat::E57] {
+        let out = folder.path().join("out").join(format.extension());
+        let files = export(&document, &out, format).unwrap().files;
+        assert_eq!(first_x(&files), [1.0, 2.0, 3.0, 4.0], "{files:?}");
+        assert!(files.iter().all(|f| f.starts_with(&out)));
+    }
+}
+
+#[test]
+fn scans_of_one_file_are_told_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let one = |x: f32| file_at(folder.path().join(format!("{x}.ply")), &[x], None);
+    let singles = result_of(&[("a", one(1.0)), ("b", one(2.0)), ("c", one(3.0))]);
+    let e57 = export(&singles, &folder.path().join("e57"), ScanFormat::E57).unwrap().files;
+    // Text that is held whole has three scans, too: a count before each.
+    let pts = folder.path().join("three.pts");
+    std::fs::write(&pts, "1\n1 1 2\n1\n2 1 2\n1\n3 1 2\n").unwrap();
+    for file in [e57[0].clone(), pts] {
+        let names = ["f#1", "f#2", "f#3"].map(|name| (name, file.clone()));
+        let mut document = result_of(&names);
+        // Not in the order of the file.
+        (0..3).for_each(|k| document.scans[k].part = Some(2 - k));
+        let files = export(&document, &folder.path().join("out"), ScanFormat::Ply).unwrap().files;
+        assert_eq!(first_x(&files), [3.0, 2.0, 1.0], "{}", file.display());
+        // A file with fewer scans than were registered.
+        document.scans[0].part = Some(3);
+        let error = export(&document, &folder.path().join("out"), ScanFormat::Ply).unwrap_err().to_string();
+        assert!(error.contains("no scan 4 in it"), "{error}");
+    }
+}
+
+#[test]
+fn scans_without_a_pose_are_named_and_not_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut document = result(folder.path());
+    let unplaced = crate::result::poses::EntryOutcome::Declined {
+        decline: crate::scan::DeclineReason::TooFewInliers { inliers: 3, needed: 9, matches: 20 },
+        explanation: String::new(),
+    };
+    document.scans[1].outcome = unplaced;
+    document.components.truncate(1);
+    // Its file is not even looked for.
+    std::fs::remove_file(folder.path().join("s1.ply")).unwrap();
+    for format in [ScanFormat::Laz, ScanFormat::E57] {
+        let out = folder.path().join(format.extension());
+        let exported = export(&document, &out, format).unwrap();
+        assert_eq!((exported.files.len(), exported.left_out), (1, vec!["s1".to_owned()]));
+        assert_eq!(names_in(&out).len(), 1);
+    }
+}
+
+#[test]
+fn the_files_of_the_scans_are_never_written_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let document = result(folder.path());
+    let before = std::fs::read(folder.path().join("s0.ply")).unwrap();
+    // Another way to the same folder.
+    let same = folder.path().join("new").join("..");
+    std::fs::create_dir_all(folder.path().join("new")).unwrap();
+    for out in [folder.path(), &same] {
+        let error = export(&document, out, ScanFormat::Ply).unwrap_err();
+        assert!(matches!(&error, Error::Setting { key, .. } if key == "export-scans"), "{error}");
+        assert!(error.to_string().contains("s0.ply"), "{error}");
+    }
+    assert_eq!(std::fs::read(folder.path().join("s0.ply")).unwrap(), before);
+    // Another format has other files.
+    export(&document, folder.path(), ScanFormat::Pcd).unwrap();
+    assert_eq!(std::fs::read(folder.path().join("s0.ply")).unwrap(), before);
+}
+
+#[test]
+fn scans_with_and_without_colours_stand_side_by_side() {
+    let folder = tempfile::tempdir().unwrap();
+    let document = result_of(&[
+        ("grey", file_at(folder.path().join("grey.ply"), &[1.0], None)),
+        ("red", file_at(folder.path().join("red.ply"), &[2.0], Some(&[[200, 1, 2]]))),
+    ]);
+    for format in [ScanFormat::Ply, ScanFormat::Pcd, ScanFormat::Laz, ScanFormat::E57] {
+        let files = export(&document, &folder.path().join("out"), format).unwrap().files;
+        let scans: Vec<_> =
+            files.iter().flat_map(|f| io::read_file(f, &ReadOptions::default()).unwrap().scans).collect();
+        let colors: Vec<_> = scans.into_iter().map(|s| s.cloud.colors).collect();
+        assert_eq!(colors, [None, Some(vec![[200, 1, 2]])], "{format:?}");
+    }
+}
+
+#[test]
+fn las_keeps_millimetres_at_utm_offsets() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.xyz");
+    let rows: Vec<[f64; 3]> =
+        (0..50).map(|k| [431_250.001 + f64::from(k), 5_812_345.002 + 0.5 * f64::from(k), 101.003]).collect();
+    let text: String = rows.iter().map(|[x, y, z]| format!("{x:.3} {y:.3} {z:.3}\n")).collect();
+    std::fs::write(&path, text).unwrap();
+    let document = result_of(&[("a", path)]);
+    for format in [ScanFormat::Las, ScanFormat::Laz] {
+        let files = export(&document, &folder.path().join("out"), format).unwrap().files;
+        // Read by the crate itself, in double precision.
+        let mut reader = las::Reader::from_path(&files[0]).unwrap();
+        let points: Vec<las::Point> = reader.points().map(|p| p.unwrap()).collect();
+        assert_eq!(points.len(), rows.len());
+        for (p, [x, y, z]) in points.iter().zip(&rows) {
+            let off = (p.x - x).abs().max((p.y - y).abs()).max((p.z - z).abs());
+            assert!(off < 1e-4, "{format:?}: off by {off}");
+        }
+    }
+}
+
+/// Stops after so many questions, and remembers what it was told.
+#[derive(Default)]
+struct Stopping {
+    after: usize,
+    asked: std::sync::atomic::AtomicUsize,
+    told: std::sync::Mutex<Vec<(String, usize, Vec<usize>)>>,
+}
+
+impl Monitor for Stopping {
+    fn begin(&self, stage: &str, total: usize) {
+        self.told.lock().unwrap().push((stage.to_owned(), total, Vec::new()));
+    }
+    fn advance(&self, items: usize) {
+        self.told.lock().unwrap().last_mut().unwrap().2.push(items);
+    }
+    fn cancelled(&self) -> bool {
+        self.asked.fetch_add(1, std::sync::atomic::Ordering::SeqCst) >= self.after
+    }
+}
+
+#[test]
+fn progress_moves_within_a_scan_and_a_stop_between_blocks_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let points = 2 * io::BLOCK_POINTS + 7;
+    let x: Vec<f32> = (0..points).map(|k| k as f32 * 1e-3).collect();
+    let document = result_of(&[("a", file_at(folder.path().join("a.ply"), &x, None))]);
+    for format in [ScanFormat::Ply, ScanFormat::Pcd, ScanFormat::Las, ScanFormat::Laz, ScanFormat::E57] {
+        let out = folder.path().join("out");
+        let run = |monitor: &Stopping| {
+            export_scans(&document, &ReadOptions::default(), &out, format, false, monitor)
+        };
+        // Three blocks are read, then the second is about to be written.
+        let monitor = Stopping { after: 4, ..Stopping::default() };
+        assert!(matches!(run(&monitor), Err(Error::Interrupted { .. })), "{format:?}");
+        assert_eq!(names_in(&out), Vec::<String>::new(), "{format:?}");
+        let monitor = Stopping { after: usize::MAX, ..Stopping::default() };
+        let written = run(&monitor).unwrap().files;
+        let steps = vec![io::BLOCK_POINTS, io::BLOCK_POINTS, 7];
+        let stage = |name: &str| (format!("{name} scan 1 of 1"), points, steps.clone());
+        assert_eq!(monitor.told.into_inner().unwrap(), [stage("reading"), stage("writing")], "{format:?}");
+        assert_eq!(names_in(&out).len(), 1);
+        std::fs::remove_file(&written[0]).unwrap();
+    }
+}
+
+#[test]
+fn e57_headers_tell_scans_apart_and_where_they_lie() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut document = result(folder.path());
+    let export = |document: &Document, name: &str| {
+        let files = export(document, &folder.path().join(name), ScanFormat::E57).unwrap().files;
+        let open = |file: &PathBuf| e57::E57Reader::from_file(file).unwrap();
+        files.iter().map(open).collect::<Vec<_>>()
+    };
+    let readers = export(&document, "one");
+    let scan = &readers[0].pointclouds()[0];
+    assert_eq!(scan.name.as_deref(), Some("s0"));
+    // In the coordinates of the scan: x from 0 to 11, y at 2, z from 0 to 11/4.
+    let bounds = scan.cartesian_bounds.as_ref().unwrap();
+    let found = [bounds.x_min, bounds.x_max, bounds.y_min, bounds.y_max, bounds.z_min, bounds.z_max];
+    assert_eq!(found, [0.0, 11.0, 2.0, 2.0, 0.0, 2.75].map(Some));
+    let pose = scan.transform.as_ref().unwrap();
+    // A quarter turn about z: cos 45° and sin 45°.
+    let half = 0.5f64.sqrt();
+    let rotation = [pose.rotation.w, pose.rotation.x, pose.rotation.y, pose.rotation.z];
+    assert!(rotation.iter().zip([half, 0.0, 0.0, half]).all(|(a, b)| (a - b).abs() < 1e-12));
+    assert!((pose.translation.x - 4e5).abs() + (pose.translation.y - 2.0).abs() < 1e-9);
+    let guids = |readers: &[e57::E57Reader<_>]| -> Vec<String> {
+        let of_scans = readers.iter().flat_map(|r| r.pointclouds()).map(|s| s.guid.unwrap());
+        readers.iter().map(|r| r.guid().to_owned()).chain(of_scans).collect()
+    };
+    let first = guids(&readers);
+    let different: std::collections::BTreeSet<&String> = first.iter().collect();
+    assert_eq!(different.len(), 4, "{first:?}");
+    assert_eq!(first, guids(&export(&document, "again")));
+    // Another pose is another file.
+    if let crate::result::poses::EntryOutcome::Placed(pose) = &mut document.scans[0].outcome {
+        pose.world_from_scan[0][3] += 1.0;
+    }
+    let moved = guids(&export(&document, "moved"));
+    assert!(first[0] != moved[0] && first[2] != moved[2] && first[1] == moved[1], "{first:?} {moved:?}");
+}
