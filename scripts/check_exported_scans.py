@@ -56,6 +56,9 @@ def read_las(path):
     las = laspy.read(path)
     rgb = columns(las, RGB)
     assert np.all(rgb % 257 == 0), "colours of 16 bits are bytes times 257"
+    used = {"X", "Y", "Z", "intensity", *RGB}
+    for name in set(las.point_format.dimension_names) - used:
+        assert np.ptp(np.asarray(las[name]).astype(int)) == 0, f"{name}, which nothing is known of, varies"
     low, high = np.array(las.header.mins), np.array(las.header.maxs)
     xyz = np.array(las.xyz)
     close(np.array([low, high]), np.array([xyz.min(0), xyz.max(0)]), 1.01 * max(las.header.scales), "bounds in the header")

@@ -94,7 +94,9 @@ fn e57(folder: &Path) -> PathBuf {
             let [x, y, z] = row(i, false);
             let x = if x.is_nan() { 0.0 } else { x + f64::from(scan) };
             let mut values = [x, y, z].map(RecordValue::Double).to_vec();
-            values.extend([i % 256, i / 256 % 256, scan as usize, i % 65536].map(|v| RecordValue::Integer(v as i64)));
+            values.extend(
+                [i % 256, i / 256 % 256, scan as usize, i % 65536].map(|v| RecordValue::Integer(v as i64)),
+            );
             writer.add_point(values).unwrap();
         }
         writer.finalize().unwrap();
@@ -115,11 +117,18 @@ fn same_in_blocks(path: &Path, part: usize, options: &ReadOptions) {
                 for i in 0..block.len() {
                     let expected = coordinates_m(&whole, at + i);
                     // A float of some tens of metres beside either origin.
-                    assert!((coordinates_m(&block, i) - expected).amax() < 1e-5, "{path:?}: point {}", at + i);
+                    assert!(
+                        (coordinates_m(&block, i) - expected).amax() < 1e-5,
+                        "{path:?}: point {}",
+                        at + i
+                    );
                 }
                 let rows = at..at + block.len();
                 assert_eq!(block.colors.as_deref(), whole.colors.as_ref().map(|c| &c[rows.clone()]));
-                assert_eq!(block.intensities.as_deref(), whole.intensities.as_ref().map(|c| &c[rows.clone()]));
+                assert_eq!(
+                    block.intensities.as_deref(),
+                    whole.intensities.as_ref().map(|c| &c[rows.clone()])
+                );
                 assert_eq!(block.normals.as_deref(), whole.normals.as_ref().map(|c| &c[rows.clone()]));
                 at += block.len();
                 Ok(())
@@ -175,7 +184,10 @@ fn what_cannot_be_read_in_blocks_is_held_whole() {
     assert!(whole("a.ply", &ply("", &[0; 11])));
     assert!(whole("a.ply", &ply("", &[1; 29])));
     assert!(whole("a.ply", &ply("property list uchar int i\n", &[0; 13])));
-    assert!(whole("a.ply", &ply("property float red\nproperty float green\nproperty float blue\n", &[0; 24])));
+    assert!(whole(
+        "a.ply",
+        &ply("property float red\nproperty float green\nproperty float blue\n", &[0; 24])
+    ));
     assert!(whole("a.xyz", b"0 0 0\n1 1 1\n"));
     // A count that no file has room for.
     let huge = String::from_utf8(ply("", &[])).unwrap().replace("vertex 1", "vertex 18446744073709551615");

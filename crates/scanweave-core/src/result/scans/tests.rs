@@ -251,10 +251,15 @@ fn las_keeps_millimetres_at_utm_offsets() {
         let files = export(&document, &folder.path().join("out"), format).unwrap().files;
         // Read by the crate itself, in double precision.
         let mut reader = las::Reader::from_path(&files[0]).unwrap();
-        let points: Vec<las::Point> = reader.points().map(|p| p.unwrap()).collect();
+        let (data, axes) = (reader.read_all().unwrap(), *reader.header().transforms());
+        let stored = data.x_raw().zip(data.y_raw()).zip(data.z_raw());
+        let points: Vec<[f64; 3]> = stored
+            .map(|((x, y), z)| [(x, axes.x), (y, axes.y), (z, axes.z)])
+            .map(|point| point.map(|(v, axis)| f64::from(v) * axis.scale + axis.offset))
+            .collect();
         assert_eq!(points.len(), rows.len());
-        for (p, [x, y, z]) in points.iter().zip(&rows) {
-            let off = (p.x - x).abs().max((p.y - y).abs()).max((p.z - z).abs());
+        for (found, expected) in points.iter().zip(&rows) {
+            let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             assert!(off < 1e-4, "{format:?}: off by {off}");
         }
     }
