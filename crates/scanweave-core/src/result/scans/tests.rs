@@ -168,7 +168,12 @@ fn scans_of_one_file_are_told_apart() {
     let e57 = export(&singles, &folder.path().join("e57"), ScanFormat::E57).unwrap().files;
     // Text that is held whole has three scans, too: a count before each.
     let pts = folder.path().join("three.pts");
-    std::fs::write(&pts, "1\n1 1 2\n1\n2 1 2\n1\n3 1 2\n").unwrap();
+    // The first x is the number of the scan.
+    let row = |k: usize, i: usize| {
+        format!("{:.3} {:.3} 2\n", k as f64 + (0.7 * i as f64).sin(), (1.3 * i as f64).cos())
+    };
+    let scan = |k: usize| format!("20\n{}", (0..20).map(|i| row(k, i)).collect::<String>());
+    std::fs::write(&pts, (1..4).map(scan).collect::<String>()).unwrap();
     for file in [e57[0].clone(), pts] {
         let names = ["f#1", "f#2", "f#3"].map(|name| (name, file.clone()));
         let mut document = result_of(&names);
@@ -242,8 +247,13 @@ fn scans_with_and_without_colours_stand_side_by_side() {
 fn las_keeps_millimetres_at_utm_offsets() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.xyz");
-    let rows: Vec<[f64; 3]> =
-        (0..50).map(|k| [431_250.001 + f64::from(k), 5_812_345.002 + 0.5 * f64::from(k), 101.003]).collect();
+    // Whole millimetres on a circle of 20 m.
+    let row = |k: i32| {
+        let (sin, cos) = (0.7 * f64::from(k)).sin_cos();
+        [431_250.001 + 20.0 * sin, 5_812_345.002 + 20.0 * cos, 101.003 + 0.1 * cos]
+            .map(|c| (1e3 * c).round() / 1e3)
+    };
+    let rows: Vec<[f64; 3]> = (0..50).map(row).collect();
     let text: String = rows.iter().map(|[x, y, z]| format!("{x:.3} {y:.3} {z:.3}\n")).collect();
     std::fs::write(&path, text).unwrap();
     let document = result_of(&[("a", path)]);
