@@ -85,3 +85,51 @@ fn export_says_what_it_can_write_and_what_it_needs() {
     export(&["--trajectory", "tum"]).code(3).stderr(contains("poses.json"));
     export(&["--trajectory", "tum,las"]).code(2).stderr(contains("'las'").and(contains("kitti")));
 }
+
+#[cfg(unix)]
+#[test]
+fn exported_scans_are_whole_or_not_there_and_those_without_a_pose_are_named() {
+    let place = folder();
+    let scans = synth(place.path(), 2);
+    // A third that has nothing in common with them: one small flat square.
+    let square: Vec<[f64; 3]> =
+        (0..3600).map(|k| [f64::from(k % 60) * 0.05, f64::from(k / 60) * 0.05, 0.0]).collect();
+    write_ply(&scans.join("square.ply"), &square);
+    let result = place.path().join("result");
+    let registered =
+        scanweave().args(["register", "-q"]).arg(&scans).arg("-o").arg(&result).output().unwrap();
+    assert!(registered.status.code().is_some_and(|code| code < 2), "{registered:?}");
+    let poses = json(result.join("poses.json"));
+    let of = |outcome: &str| {
+        let scans = poses["scans"].as_array().unwrap().iter().filter(|s| s["outcome"] == outcome);
+        scans.map(|s| s["name"].as_str().unwrap().to_owned()).collect::<Vec<_>>()
+    };
+    assert_eq!((of("placed").len(), of("declined")), (2, vec!["square".to_owned()]));
+    let out = place.path().join("out");
+    let files = || std::fs::read_dir(&out).map_or(0, |entries| entries.count());
+    for format in ["ply", "pcd", "las", "laz", "e57"] {
+        // A disk that is full after a few kilobytes: what goes beyond the limit is an error of writing.
+        let program = scanweave().get_program().to_owned();
+        let script =
+            "trap '' XFSZ; ulimit -f 8; exec \"$0\" export \"$1\" --export-scans \"$2\" --format \"$3\"";
+        let full = std::process::Command::new("sh")
+            .args(["-c", script])
+            .args([program.as_os_str(), result.as_os_str(), out.as_os_str(), format.as_ref()])
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&full.stderr).into_owned();
+        assert!(full.status.code() == Some(5) && said.contains("cannot write it"), "{format}: {full:?}");
+        assert_eq!(files(), 0, "{format}");
+        scanweave()
+            .arg("export")
+            .arg(&result)
+            .arg("--export-scans")
+            .arg(&out)
+            .args(["--format", format])
+            .assert()
+            .success()
+            .stdout(contains("left out square: no pose"));
+        assert_eq!(files(), if format == "e57" { 1 } else { 2 });
+        std::fs::remove_dir_all(&out).unwrap();
+    }
+}

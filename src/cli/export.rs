@@ -30,7 +30,8 @@ pub struct Arguments {
     #[command(flatten)]
     exports: ExportOptions,
     /// Write every placed scan whole, moved into the frame of its component, with colour, intensity and
-    /// normals, into this folder. The files of the scans are read again, one at a time.
+    /// normals, into this folder. The files of the scans are read again, block by block where they are
+    /// binary PLY or PCD, LAS, LAZ or E57, else one at a time.
     #[arg(long, value_name = "DIR", requires = "format")]
     export_scans: Option<PathBuf>,
     /// Format of the scans: ply, pcd, las or laz (without normals), one file a scan; or e57, one file
@@ -164,10 +165,14 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     if let (Some(folder), Some(format)) = (&arguments.export_scans, arguments.format) {
         let options = settings(&arguments.result.join(CONFIG))?.input;
         let progress = Progress::start(verbosity)?;
-        let files = export_scans(&document, &options, folder, format, arguments.force, &progress)?;
+        let exported = export_scans(&document, &options, folder, format, arguments.force, &progress)?;
         if !verbosity.quiet {
-            let n = files.len();
+            let n = exported.files.len();
             terminal::print_line(&format!("written  {}: {n} files of scans", folder.display()))?;
+            if !exported.left_out.is_empty() {
+                let names = exported.left_out.join(", ");
+                terminal::print_line(&format!("left out {names}: no pose"))?;
+            }
         }
     }
     if arguments.exports.is_empty() {

@@ -1,11 +1,14 @@
 //! E57 (terrestrial laser scans).
 
+pub(super) mod blocks;
+
 use super::scan_file::{Note, ReadOptions, ScanFile, StoredScan};
 use super::scanner::{drop_implausible_viewpoint, drop_poses_that_say_nothing};
 use super::unpack_limit::UnpackLimit;
+use super::vertices::Vertices;
 use crate::error::{Error, Result};
-use crate::geometry::RigidMotion;
-use crate::scan::assemble::{Attributes, assemble_with};
+use crate::geometry::{Point, RigidMotion};
+use crate::scan::PointCloud;
 use ::e57::{CartesianCoordinate, E57Reader, RecordDataType};
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use std::io::{Read, Seek, SeekFrom};
@@ -94,14 +97,43 @@ fn points<R: Read + Seek>(
     reader: &mut E57Reader<R>,
     scan: &::e57::PointCloud,
     options: &ReadOptions,
-) -> Result<crate::scan::PointCloud> {
+) -> Result<PointCloud> {
+    let mut cloud = PointCloud::default();
+    let invalid = each_block(path, reader, scan, options, usize::MAX, |all| {
+        cloud = all.into_cloud();
+        Ok(())
+    })?;
+    place_sensor(scan, &mut cloud);
+    cloud.dropped_rows += invalid;
+    Ok(cloud)
+}
+
+/// Puts the sensor at the zero of the scan where it has a pose or spherical coordinates.
+fn place_sensor(scan: &::e57::PointCloud, cloud: &mut PointCloud) {
+    if scan.transform.is_some() || scan.has_spherical() {
+        cloud.viewpoint = Some(Point::from((-cloud.origin_m).cast::<f32>()));
+    }
+}
+
+/// Hands the points of a scan to `take`, at most so many at a time, and returns how many are invalid.
+fn each_block<R: Read + Seek>(
+    path: &Path,
+    reader: &mut E57Reader<R>,
+    scan: &::e57::PointCloud,
+    options: &ReadOptions,
+    most: usize,
+    mut take: impl FnMut(Vertices) -> Result<()>,
+) -> Result<usize> {
     let mut points = reader.pointcloud_simple(scan).map_err(|e| damaged(path, &e))?;
     points.apply_pose(false);
     points.intensity_to_color(false);
     points.normalize_intensity(false);
-    let mut xyz: Vec<[f64; 3]> = Vec::new();
-    let mut colors = scan.has_color().then(Vec::new);
-    let mut intensities = (options.attributes && scan.has_intensity()).then(Vec::new);
+    let empty = || Vertices {
+        rgb: scan.has_color().then(Vec::new),
+        intensity: (options.attributes && scan.has_intensity()).then(Vec::new),
+        ..Vertices::default()
+    };
+    let mut block = empty();
     let mut invalid = 0;
     for point in points {
         let point = match point {
@@ -114,24 +146,20 @@ fn points<R: Read + Seek>(
             invalid += 1;
             continue;
         };
-        xyz.push([x, y, z]);
+        block.xyz.push([x, y, z]);
         // Normalised to [0, 1] by the reader.
         let byte = |v: f32| (v * 255.0).round() as u8;
         let color = point.color.map_or([0; 3], |c| [byte(c.red), byte(c.green), byte(c.blue)]);
-        colors.iter_mut().for_each(|all| all.push(color));
-        intensities.iter_mut().for_each(|all| all.push(point.intensity.unwrap_or(0.0)));
+        block.rgb.iter_mut().for_each(|all| all.push(color));
+        block.intensity.iter_mut().for_each(|all| all.push(point.intensity.unwrap_or(0.0)));
+        if block.xyz.len() == most {
+            take(std::mem::replace(&mut block, empty()))?;
+        }
     }
-    let rgb = colors.as_ref().map(|all| |i: usize| all[i]);
-    let intensity = intensities.as_ref().map(|all| |i: usize| all[i]);
-    let attributes = Attributes {
-        rgb: rgb.as_ref().map(|rgb| rgb as &dyn Fn(usize) -> [u8; 3]),
-        intensity: intensity.as_ref().map(|intensity| intensity as &dyn Fn(usize) -> f32),
-        ..Attributes::default()
-    };
-    let viewpoint = (scan.transform.is_some() || scan.has_spherical()).then_some([0.0; 3]);
-    let mut cloud = assemble_with(xyz.len(), |i| xyz[i], &attributes, viewpoint);
-    cloud.dropped_rows += invalid;
-    Ok(cloud)
+    if !block.xyz.is_empty() {
+        take(block)?;
+    }
+    Ok(invalid)
 }
 
 #[cfg(test)]

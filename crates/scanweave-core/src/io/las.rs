@@ -1,10 +1,12 @@
 //! LAS and LAZ (airborne and terrestrial laser scans).
 
+pub(super) mod blocks;
 mod sizes;
 
 use self::sizes::PointsOf;
 use super::scan_file::{ReadOptions, ScanFile};
 use crate::error::{Error, Result};
+use crate::scan::PointCloud;
 use crate::scan::assemble::{Attributes, assemble_with};
 use std::io::{Read, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -49,6 +51,14 @@ struct Columns {
 }
 
 impl Columns {
+    fn new(header: &::las::Header, options: &ReadOptions) -> Self {
+        Self {
+            rgb: header.point_format().has_color.then(Vec::new),
+            intensity: options.attributes.then(Vec::new),
+            ..Self::default()
+        }
+    }
+
     fn push(&mut self, data: &::las::PointData) {
         let extended = data.format().is_extended;
         let withheld = |record: &[u8]| match extended {
@@ -67,6 +77,30 @@ impl Columns {
         }
         self.withheld += keep.iter().filter(|keep| !**keep).count();
     }
+
+    fn has_wide_colors(&self) -> bool {
+        self.rgb.iter().flatten().flatten().any(|&v| v > 255)
+    }
+
+    /// The points; `bytes` says that colours are of 8 bits.
+    fn into_cloud(self, transforms: &::las::Vector<::las::Transform>, bytes: bool) -> PointCloud {
+        let xyz = &self.xyz;
+        let at = |i: usize| {
+            let [x, y, z] = xyz[i];
+            [transforms.x.direct(x), transforms.y.direct(y), transforms.z.direct(z)]
+        };
+        let rgb = self.rgb.as_ref();
+        let rgb = rgb.map(|rgb| move |i: usize| rgb[i].map(|v| if bytes { v as u8 } else { (v >> 8) as u8 }));
+        let intensity = self.intensity.as_ref().map(|all| |i: usize| f32::from(all[i]));
+        let attributes = Attributes {
+            rgb: rgb.as_ref().map(|rgb| rgb as &dyn Fn(usize) -> [u8; 3]),
+            intensity: intensity.as_ref().map(|intensity| intensity as &dyn Fn(usize) -> f32),
+            ..Attributes::default()
+        };
+        let mut cloud = assemble_with(xyz.len(), at, &attributes, None);
+        cloud.dropped_rows += self.withheld;
+        cloud
+    }
 }
 
 fn decode<R>(path: &Path, file: R, options: &ReadOptions) -> Result<ScanFile>
@@ -74,13 +108,23 @@ where
     R: Read + Seek + Send + Sync + 'static,
 {
     let mut reader = ::las::Reader::new(file).map_err(|e| damaged(path, &e))?;
+    let mut columns = Columns::new(reader.header(), options);
+    each_chunk(path, &mut reader, |chunk| {
+        columns.push(chunk);
+        Ok(true)
+    })?;
+    // The standard asks for 16-bit colours; files with 8-bit values in them are common.
+    let bytes = !columns.has_wide_colors();
+    Ok(columns.into_cloud(reader.header().transforms(), bytes).into())
+}
+
+/// Hands the points to `take`, some at a time, until it wants no more.
+fn each_chunk(
+    path: &Path,
+    reader: &mut ::las::Reader,
+    mut take: impl FnMut(&::las::PointData) -> Result<bool>,
+) -> Result<()> {
     let promised = reader.header().number_of_points();
-    let transforms = *reader.header().transforms();
-    let mut columns = Columns {
-        rgb: reader.header().point_format().has_color.then(Vec::new),
-        intensity: options.attributes.then(Vec::new),
-        ..Columns::default()
-    };
     let mut chunk = ::las::PointDataBuilder::new().for_header(reader.header()).build();
     let mut read = 0;
     while read < promised {
@@ -92,31 +136,12 @@ where
         if got == 0 {
             return Err(cut_short(path, format!("{read} points"), promised));
         }
-        columns.push(&chunk);
+        if !take(&chunk)? {
+            return Ok(());
+        }
         read += got;
     }
-    Ok(cloud(&columns, &transforms))
-}
-
-fn cloud(columns: &Columns, transforms: &::las::Vector<::las::Transform>) -> ScanFile {
-    let xyz = &columns.xyz;
-    let at = |i: usize| {
-        let [x, y, z] = xyz[i];
-        [transforms.x.direct(x), transforms.y.direct(y), transforms.z.direct(z)]
-    };
-    // The standard asks for 16-bit colours; files with 8-bit values in them are common.
-    let bytes = columns.rgb.iter().flatten().flatten().all(|&v| v <= 255);
-    let rgb = columns.rgb.as_ref();
-    let rgb = rgb.map(|rgb| move |i: usize| rgb[i].map(|v| if bytes { v as u8 } else { (v >> 8) as u8 }));
-    let intensity = columns.intensity.as_ref().map(|all| |i: usize| f32::from(all[i]));
-    let attributes = Attributes {
-        rgb: rgb.as_ref().map(|rgb| rgb as &dyn Fn(usize) -> [u8; 3]),
-        intensity: intensity.as_ref().map(|intensity| intensity as &dyn Fn(usize) -> f32),
-        ..Attributes::default()
-    };
-    let mut cloud = assemble_with(xyz.len(), at, &attributes, None);
-    cloud.dropped_rows += columns.withheld;
-    cloud.into()
+    Ok(())
 }
 
 #[cfg(test)]

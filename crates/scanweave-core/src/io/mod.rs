@@ -5,6 +5,7 @@
 //! [`atomic::write`].
 
 mod bin;
+mod blocks;
 mod cloud;
 mod colors;
 pub mod dataset;
@@ -47,6 +48,8 @@ mod write_pcd;
 mod write_ply;
 
 pub use crate::atomic;
+pub(crate) use blocks::open_blocks;
+pub use blocks::{BLOCK_POINTS, Held, PointBlocks, Summary, TakeBlock, move_block};
 pub use cloud::{read_cloud, read_file};
 pub use discover::{Discovered, FoundFile, LeftOut, discover, discover_with, scan_files};
 pub use merged::read_merged;
@@ -57,4 +60,4 @@ pub use text_columns::TextColumns;
 pub use write_e57::{E57Scan, write_e57};
 pub use write_las::write_las;
 pub use write_pcd::write_pcd;
-pub use write_ply::{PlyCloud, write_ply};
+pub use write_ply::{PlyCloud, write_ply, write_ply_blocks};

@@ -1,5 +1,7 @@
 //! PCD (Point Cloud Library): ASCII, binary and binary_compressed; organised clouds with NaN; colours.
 
+pub(super) mod blocks;
+
 use super::colors::channels_of;
 use super::fields::whole_number_note;
 use super::lzf;

@@ -1,10 +1,12 @@
 //! Writing clouds as binary PLY.
 
+use super::blocks::{PointBlocks, Summary, unwrapped, wrapped};
 use crate::atomic;
 use crate::error::{Error, Result};
 use crate::geometry::{Direction, Point};
+use crate::scan::PointCloud;
 use nalgebra::Vector3;
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::Path;
 
 /// A cloud to be written: points, and what goes with each.
@@ -44,32 +46,89 @@ pub fn write_ply(path: impl AsRef<Path>, cloud: &PlyCloud<'_>) -> Result<()> {
         }
     }
     atomic::write(path.as_ref(), |w| {
+        let layout = Layout {
+            far: cloud.origin_m != Vector3::zeros(),
+            normals: cloud.normals.is_some(),
+            colors: cloud.colors.is_some(),
+            intensities: cloud.intensities.is_some(),
+            scans: cloud.scans.is_some(),
+        };
+        layout.header(w, n)?;
+        layout.rows(w, cloud)
+    })
+}
+
+/// [`write_ply`] of a scan that is not held whole.
+///
+/// # Errors
+/// [`Error::Write`], and those of the scan.
+pub fn write_ply_blocks(
+    path: impl AsRef<Path>,
+    summary: &Summary,
+    blocks: &mut dyn PointBlocks,
+) -> Result<()> {
+    let path = path.as_ref();
+    let layout = Layout {
+        far: summary.origin_m != Vector3::zeros(),
+        normals: summary.normals,
+        colors: summary.colors,
+        intensities: summary.intensities,
+        scans: false,
+    };
+    let written = atomic::write(path, |w| {
+        layout.header(w, summary.points)?;
+        let rows = &mut |block: PointCloud| {
+            let PointCloud { points, origin_m, normals, colors, intensities, .. } = &block;
+            let (normals, colors) = (normals.as_deref(), colors.as_deref());
+            let intensities = intensities.as_deref();
+            let block = PlyCloud { points, origin_m: *origin_m, normals, colors, intensities, scans: None };
+            layout.rows(w, &block).map_err(|e| Error::write(path, e))
+        };
+        blocks.for_each(rows).map_err(wrapped)
+    });
+    written.map_err(unwrapped)
+}
+
+/// What the rows of a file hold.
+struct Layout {
+    /// Whether coordinates need double precision.
+    far: bool,
+    normals: bool,
+    colors: bool,
+    intensities: bool,
+    scans: bool,
+}
+
+impl Layout {
+    fn header(&self, w: &mut impl Write, n: usize) -> io::Result<()> {
         write!(w, "ply\nformat binary_little_endian 1.0\ncomment lengths in metres\nelement vertex {n}\n")?;
-        let far = cloud.origin_m != Vector3::zeros();
-        let number = if far { "double" } else { "float" };
+        let number = if self.far { "double" } else { "float" };
         write!(w, "property {number} x\nproperty {number} y\nproperty {number} z\n")?;
-        if cloud.normals.is_some() {
+        if self.normals {
             write!(w, "property float nx\nproperty float ny\nproperty float nz\n")?;
         }
-        if cloud.colors.is_some() {
+        if self.colors {
             write!(w, "property uchar red\nproperty uchar green\nproperty uchar blue\n")?;
         }
-        if cloud.intensities.is_some() {
+        if self.intensities {
             writeln!(w, "property float intensity")?;
         }
-        if cloud.scans.is_some() {
+        if self.scans {
             writeln!(w, "property int scan")?;
         }
-        writeln!(w, "end_header")?;
+        writeln!(w, "end_header")
+    }
+
+    fn rows(&self, w: &mut impl Write, cloud: &PlyCloud<'_>) -> io::Result<()> {
         for (i, p) in cloud.points.iter().enumerate() {
-            let normal = cloud.normals.map(|n| n[i]);
-            if far {
-                for c in (p.coords.cast::<f64>() + cloud.origin_m).iter() {
-                    w.write_all(&c.to_le_bytes())?;
+            let position = p.coords.cast::<f64>() + cloud.origin_m;
+            for c in position.iter() {
+                match self.far {
+                    true => w.write_all(&c.to_le_bytes())?,
+                    false => w.write_all(&(*c as f32).to_le_bytes())?,
                 }
             }
-            let near = p.coords.iter().filter(|_| !far);
-            for c in near.chain(normal.iter().flatten()) {
+            for c in cloud.normals.iter().flat_map(|n| n[i].iter()) {
                 w.write_all(&c.to_le_bytes())?;
             }
             if let Some(colors) = cloud.colors {
@@ -83,5 +142,5 @@ pub fn write_ply(path: impl AsRef<Path>, cloud: &PlyCloud<'_>) -> Result<()> {
             }
         }
         Ok(())
-    })
+    }
 }

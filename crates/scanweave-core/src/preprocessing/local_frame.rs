@@ -10,6 +10,7 @@ use crate::geometry::{Point, occupancy::distinct_positions};
 use crate::scan::{PointCloud, Scan};
 use nalgebra::{Isometry3, Matrix3, Rotation3, SymmetricEigen, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// Steps towards the geometric median. Each starts from the mean and is as invariant as the last:
 /// nothing depends on how near they come.
@@ -42,7 +43,7 @@ fn localized(scan: &Scan) -> (Scan, RigidMotion) {
     let viewpoint = cloud.viewpoint.as_ref().map(moved);
     let local = PointCloud {
         points: cloud.points.iter().map(moved).collect(),
-        colors: cloud.colors,
+        colors: cloud.colors.clone(),
         viewpoint,
         dropped_rows: cloud.dropped_rows,
         stray_points: cloud.stray_points,
@@ -61,12 +62,12 @@ fn localized(scan: &Scan) -> (Scan, RigidMotion) {
 }
 
 /// The cloud with one point at every position; of several colours there the least.
-fn without_repetitions(cloud: &PointCloud) -> PointCloud {
+fn without_repetitions(cloud: &PointCloud) -> Cow<'_, PointCloud> {
     /// Share of repeated points below which they change nothing that matters.
     const UNFELT: f64 = 0.01;
     let n = cloud.points.len();
     if distinct_positions(&cloud.points) as f64 >= (1.0 - UNFELT) * n as f64 {
-        return cloud.clone();
+        return Cow::Borrowed(cloud);
     }
     let colors = cloud.colors.as_deref();
     let key = |i: u32| {
@@ -78,13 +79,13 @@ fn without_repetitions(cloud: &PointCloud) -> PointCloud {
     order.sort_unstable_by_key(|&i| key(i));
     order.dedup_by_key(|i| key(*i).0);
     order.sort_unstable();
-    PointCloud {
+    Cow::Owned(PointCloud {
         points: order.iter().map(|&i| cloud.points[i as usize]).collect(),
         colors: colors.map(|c| order.iter().map(|&i| c[i as usize]).collect()),
         intensities: None,
         normals: None,
         ..*cloud
-    }
+    })
 }
 
 /// `points_from_local`: the geometric median as zero, principal directions as axes, the longest

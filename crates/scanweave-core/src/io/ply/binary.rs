@@ -3,7 +3,7 @@
 //! Vertex rows of a fixed length, the usual case, are read in place. Anything else goes row by row.
 
 use super::header::{Element, Header, Kind};
-use super::{Fields, Table, colors_of, scalar_of, too_few, too_many};
+use super::{ColorRange, Fields, Table, scalar_of, too_few, too_many};
 use crate::error::Result;
 use crate::io::scalar::{Endian, Scalar};
 use crate::scan::PointCloud;
@@ -46,7 +46,13 @@ pub(super) fn read(
 }
 
 /// Vertex rows of equal length, decoded where they lie.
-fn fixed_rows(rows: &[u8], element: &Element, stride: usize, fields: &Fields, endian: Endian) -> PointCloud {
+pub(super) fn fixed_rows(
+    rows: &[u8],
+    element: &Element,
+    stride: usize,
+    fields: &Fields,
+    endian: Endian,
+) -> PointCloud {
     let place = |index: usize| {
         let offset: usize = element.properties[..index].iter().map(|p| scalar_of(p.kind).size()).sum();
         (scalar_of(element.properties[index].kind), offset)
@@ -55,11 +61,12 @@ fn fixed_rows(rows: &[u8], element: &Element, stride: usize, fields: &Fields, en
     let number = |i: usize, (scalar, offset): (Scalar, usize)| {
         rows.get(i * stride + offset..).map_or(f64::NAN, |b| scalar.read(b, endian))
     };
-    let colors = fields.rgb.map(|f| f.map(place)).map(|rgb| {
-        let values: Vec<[f64; 3]> = (0..n).map(|i| rgb.map(|p| number(i, p))).collect();
-        colors_of(&values, rgb[0].0)
+    let color = fields.rgb.map(|f| f.map(place)).map(|rgb| {
+        let channels = move |i: usize| rgb.map(|p| number(i, p));
+        // Where all are read for their range they are not kept: three doubles are more than a point.
+        let range = ColorRange::of(rgb[0].0, (0..n).map(channels));
+        move |i: usize| range.bytes(channels(i))
     });
-    let color = colors.as_ref().map(|c| |i: usize| c[i]);
     let intensity = fields.intensity.map(place).map(|p| move |i: usize| number(i, p) as f32);
     let normal = fields.normal.map(|f| f.map(place));
     let normal = normal.map(|places| move |i: usize| places.map(|p| number(i, p) as f32));

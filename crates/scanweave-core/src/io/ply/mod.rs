@@ -2,11 +2,12 @@
 
 mod ascii;
 mod binary;
+pub(super) mod blocks;
 mod header;
 #[cfg(test)]
 mod tests;
 
-use super::colors::channels_to_bytes;
+use super::colors::bytes_per_unit;
 use super::fields::{INTENSITY, NORMAL, RGB, three, whole_number_note};
 use super::scalar::{Scalar, counted};
 use super::scan_file::{ReadOptions, ScanFile};
@@ -139,11 +140,28 @@ fn scalar_of(kind: Kind) -> Scalar {
     }
 }
 
-fn colors_of(values: &[[f64; 3]], scalar: Scalar) -> Vec<[u8; 3]> {
-    match scalar {
-        Scalar::F32 | Scalar::F64 => channels_to_bytes(values),
-        Scalar::U16 => values.iter().map(|c| c.map(|v| (v / 257.0).round() as u8)).collect(),
-        _ => values.iter().map(|c| c.map(|v| v as u8)).collect(),
+/// What colour channels of a type are divided by to give bytes.
+#[derive(Clone, Copy)]
+struct ColorRange {
+    /// Bytes a unit; `None` where the numbers are bytes.
+    scale: Option<f64>,
+}
+
+impl ColorRange {
+    /// Channels of a type; of floats, all are looked at for their range.
+    fn of(scalar: Scalar, all: impl Iterator<Item = [f64; 3]>) -> Self {
+        Self {
+            scale: match scalar {
+                Scalar::F32 | Scalar::F64 => Some(bytes_per_unit(all)),
+                Scalar::U16 => Some(257f64.recip()),
+                _ => None,
+            },
+        }
+    }
+
+    fn bytes(self, channels: [f64; 3]) -> [u8; 3] {
+        // `as u8` saturates and takes NaN to zero.
+        channels.map(|v| self.scale.map_or(v as u8, |scale| (v * scale).round() as u8))
     }
 }
 
@@ -213,7 +231,10 @@ impl Table {
     }
 
     fn into_cloud(self) -> PointCloud {
-        let rgb = self.rgb.map(|values| colors_of(&values, self.rgb_scalar));
+        let rgb = self.rgb.map(|values| {
+            let range = ColorRange::of(self.rgb_scalar, values.iter().copied());
+            values.into_iter().map(|c| range.bytes(c)).collect()
+        });
         Vertices { xyz: self.xyz, rgb, intensity: self.intensity, normal: self.normal }.into_cloud()
     }
 }
