@@ -5,6 +5,7 @@ use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
 use clap::Args;
 use scanweave::descriptor::DescriptorKind;
+use scanweave::output_folder::FolderLock;
 use scanweave::pipeline::{self, FeatureSource};
 use scanweave::scan::Scan;
 use scanweave::{Error, io};
@@ -45,6 +46,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
     let mut config = arguments.settings.config()?;
     arguments.reading.format.apply(&mut config.input)?;
+    let _lock = FolderLock::take(&arguments.output)?;
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;
     let scans = arguments.reading.read(&arguments.inputs, &config.input, &progress, verbosity)?;
@@ -98,5 +100,5 @@ fn check_output(folder: &Path, scans: &[Scan], force: bool) -> Result<(), Error>
         let parent = path.parent().unwrap_or(folder);
         std::fs::create_dir_all(parent).map_err(|e| Error::write(parent, e))?;
     }
-    tempfile::tempfile_in(folder).map(drop).map_err(|e| Error::write(folder, e))
+    Ok(())
 }

@@ -7,6 +7,7 @@ use super::result_folder::{CONFIG, POSES, REPORT, numbered};
 use super::{Status, Verbosity, terminal};
 use clap::{Args, ValueEnum};
 use scanweave::io::{pose_graphs, trajectories};
+use scanweave::output_folder::{FolderLock, is_same_place};
 use scanweave::result::poses::Document;
 use scanweave::result::run::RunReport;
 use scanweave::result::scans::{ScanFormat, export_scans};
@@ -40,6 +41,13 @@ pub struct Arguments {
     /// Replace exported scans that are already there.
     #[arg(long)]
     force: bool,
+}
+
+impl Arguments {
+    /// Folder for the files.
+    fn folder(&self) -> &Path {
+        self.output.as_deref().unwrap_or(&self.result)
+    }
 }
 
 /// What is written for other programs.
@@ -154,12 +162,31 @@ impl ExportOptions {
     }
 }
 
+/// Locks the folders that are written into, and makes those that do not exist.
+fn lock(arguments: &Arguments) -> Result<Vec<FolderLock>> {
+    let mut locks = Vec::new();
+    let folder = Some(arguments.folder()).filter(|_| !arguments.exports.is_empty());
+    if let Some(folder) = folder {
+        // A result that is not there must not become an empty folder.
+        if arguments.output.is_some() || folder.exists() {
+            locks.push(FolderLock::take(folder)?);
+        }
+    }
+    if let Some(scans) = arguments.export_scans.as_deref() {
+        if !folder.is_some_and(|f| is_same_place(f, scans)) {
+            locks.push(FolderLock::take(scans)?);
+        }
+    }
+    Ok(locks)
+}
+
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
     if arguments.exports.is_empty() && arguments.export_scans.is_none() {
         let expected = "--trajectory tum,kitti,csv,colmap, --pose-graph g2o,open3d, or --export-scans DIR \
                         --format ply, or several of these";
         return Err(Error::setting("export", "nothing to write", expected, "add one of these flags").into());
     }
+    let _locks = lock(arguments)?;
     let document = Document::load(&arguments.result.join(POSES))?;
     if let (Some(folder), Some(format)) = (&arguments.export_scans, arguments.format) {
         let options = read_as_before(&arguments.result.join(CONFIG))?;
@@ -177,8 +204,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
         true => 0.0,
         false => RunReport::load(&arguments.result.join(REPORT))?.scale.inlier_radius_m,
     };
-    let folder = arguments.output.as_deref().unwrap_or(&arguments.result);
-    std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+    let folder = arguments.folder();
     let registration = Registration { inlier_radius_m, pose_graph: None };
     let written = arguments.exports.write(folder, &document, &registration)?;
     if !verbosity.quiet {

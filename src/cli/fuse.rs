@@ -5,6 +5,7 @@ use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
 use clap::Args;
 use scanweave::fusion::FusionConfig;
+use scanweave::output_folder::FolderLock;
 use scanweave::preparation::fragments::{FragmentConfig, write_fragments};
 use std::path::PathBuf;
 
@@ -53,6 +54,7 @@ pub struct Arguments {
 const TRUNCATION_VOXELS: f64 = 5.0;
 
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    let _lock = FolderLock::take(&arguments.output)?;
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;
     let config = FragmentConfig {

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use scanweave::config::{Config, Layers};
 use scanweave::geometry::Point;
 use scanweave::io::ReadOptions;
+use scanweave::output_folder::FolderLock;
 use scanweave::preprocessing::localize;
 use scanweave::report::html;
 use scanweave::report::html::PointSource;
@@ -52,6 +53,11 @@ pub struct Arguments {
 
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
     let folder = &arguments.result;
+    // With --output, nothing is written here, and the folder may be read-only.
+    let _lock = match arguments.output.is_none() && folder.exists() {
+        true => Some(FolderLock::take(folder)?),
+        false => None,
+    };
     let poses = Document::load(&folder.join(POSES))?;
     let report = RunReport::load(&folder.join(REPORT))?;
     let config_file = folder.join(CONFIG);

@@ -3,6 +3,7 @@
 use super::export::{self, ExportOptions};
 use scanweave::config::Config;
 use scanweave::geometry::RigidMotion;
+use scanweave::output_folder::FolderLock;
 use scanweave::pipeline::{Run, Stopwatch};
 use scanweave::report::html;
 use scanweave::result::merged::MergedCloud;
@@ -25,6 +26,8 @@ pub const PAGE: &str = "report.html";
 /// A folder that is, or is going to be, a result.
 pub struct ResultFolder {
     path: PathBuf,
+    /// Other runs are kept out for as long as this value lives.
+    _lock: FolderLock,
 }
 
 /// The documents of a finished result.
@@ -34,14 +37,14 @@ pub struct Written {
 }
 
 impl ResultFolder {
-    /// Makes the folder, and makes sure that it can be written to before hours are spent.
+    /// Makes the folder and locks it, before hours are spent.
     pub fn open(path: &Path, force: bool) -> Result<Self> {
+        // Before anything is looked for: another run may be about to write it.
+        let lock = FolderLock::take(path)?;
         if path.join(POSES).exists() && !force {
             return Err(Error::OutputExists { path: path.to_path_buf() });
         }
-        std::fs::create_dir_all(path).map_err(|e| Error::write(path, e))?;
-        tempfile::tempfile_in(path).map_err(|e| Error::write(path, e))?;
-        Ok(Self { path: path.to_path_buf() })
+        Ok(Self { path: path.to_path_buf(), _lock: lock })
     }
 
     /// The folder.

@@ -4,6 +4,7 @@ use super::options::ThreadOption;
 use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
 use clap::Args;
+use scanweave::output_folder::FolderLock;
 use scanweave::preparation::sample::{SampleConfig, write_sample};
 use std::path::PathBuf;
 
@@ -39,6 +40,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    let _lock = FolderLock::take(&arguments.output)?;
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;
     let config = SampleConfig {

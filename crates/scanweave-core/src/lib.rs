@@ -32,6 +32,8 @@ mod error;
 pub mod geometry;
 pub mod io;
 mod monitor;
+pub mod output_folder;
+mod owner;
 pub mod pipeline;
 pub mod preprocessing;
 pub mod random;
