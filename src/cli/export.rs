@@ -3,7 +3,7 @@
 use super::options::word;
 use super::progress::Progress;
 use super::report::read_as_before;
-use super::result_folder::{CONFIG, POSES, REPORT, numbered};
+use super::result_folder::{CONFIG, REPORT, load_poses, numbered};
 use super::{Status, Verbosity, terminal};
 use clap::{Args, ValueEnum};
 use scanweave::io::{pose_graphs, trajectories};
@@ -187,7 +187,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
         return Err(Error::setting("export", "nothing to write", expected, "add one of these flags").into());
     }
     let _locks = lock(arguments)?;
-    let document = Document::load(&arguments.result.join(POSES))?;
+    let document = load_poses(&arguments.result)?;
     if let (Some(folder), Some(format)) = (&arguments.export_scans, arguments.format) {
         let options = read_as_before(&arguments.result.join(CONFIG))?;
         let progress = Progress::start(verbosity)?;

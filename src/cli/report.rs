@@ -3,7 +3,7 @@
 use super::evaluate_truth::against_truth;
 use super::options::ThreadOption;
 use super::progress::Progress;
-use super::result_folder::{CONFIG, OVERLAP, PAGE, POSES, REPORT, merged_files};
+use super::result_folder::{CONFIG, OVERLAP, PAGE, REPORT, load_poses, merged_files};
 use super::{Status, Verbosity, terminal};
 use clap::Args;
 use rayon::prelude::*;
@@ -58,7 +58,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
         true => Some(FolderLock::take(folder)?),
         false => None,
     };
-    let poses = Document::load(&folder.join(POSES))?;
+    let poses = load_poses(folder)?;
     let report = RunReport::load(&folder.join(REPORT))?;
     let config_file = folder.join(CONFIG);
     let config = std::fs::read_to_string(&config_file).map_err(|e| Error::read(&config_file, e))?;

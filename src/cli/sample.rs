@@ -1,6 +1,7 @@
 //! `scanweave sample`.
 
 use super::options::ThreadOption;
+use super::options::refuse_walk;
 use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
 use clap::Args;
@@ -40,6 +41,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    refuse_walk(&arguments.walk, &arguments.output)?;
     let _lock = FolderLock::take(&arguments.output)?;
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;

@@ -145,6 +145,11 @@ pub fn is_same_place(a: &Path, b: &Path) -> bool {
     matches!((fs::canonicalize(a), fs::canonicalize(b)), (Ok(a), Ok(b)) if a == b)
 }
 
+/// Whether a file lies in a folder, or in one of those in it; `false` where one of them does not exist.
+pub fn is_within(file: &Path, folder: &Path) -> bool {
+    matches!((fs::canonicalize(file), fs::canonicalize(folder)), (Ok(a), Ok(b)) if a.starts_with(&b))
+}
+
 /// Whether an open file is the one that stands at `path`.
 fn is_at(file: &File, path: &Path) -> bool {
     let (Ok(open), Ok(there)) = (file.metadata(), fs::symlink_metadata(path)) else { return false };

@@ -1,5 +1,6 @@
 //! Writing clouds as binary PLY.
 
+use super::merged::MERGED_COMMENT;
 use crate::atomic;
 use crate::error::{Error, Result};
 use crate::geometry::{Direction, Point};
@@ -22,6 +23,8 @@ pub struct PlyCloud<'a> {
     pub intensities: Option<&'a [f32]>,
     /// `[n]` number of the scan a point comes from.
     pub scans: Option<&'a [i32]>,
+    /// Id of the run that the file is a merged cloud of, without spaces.
+    pub run: Option<&'a str>,
 }
 
 /// Writes binary little-endian PLY: `float x y z`, or `double x y z` where the origin is not zero, then,
@@ -44,7 +47,11 @@ pub fn write_ply(path: impl AsRef<Path>, cloud: &PlyCloud<'_>) -> Result<()> {
         }
     }
     atomic::write(path.as_ref(), |w| {
-        write!(w, "ply\nformat binary_little_endian 1.0\ncomment lengths in metres\nelement vertex {n}\n")?;
+        write!(w, "ply\nformat binary_little_endian 1.0\ncomment lengths in metres\n")?;
+        if let Some(run) = cloud.run {
+            writeln!(w, "{MERGED_COMMENT}{run}")?;
+        }
+        writeln!(w, "element vertex {n}")?;
         let far = cloud.origin_m != Vector3::zeros();
         let number = if far { "double" } else { "float" };
         write!(w, "property {number} x\nproperty {number} y\nproperty {number} z\n")?;

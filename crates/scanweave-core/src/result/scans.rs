@@ -6,6 +6,7 @@ use crate::geometry::RigidMotion;
 use crate::geometry::rigid::PointMover;
 use crate::io::{self, E57Scan, ReadOptions};
 use crate::monitor::Monitor;
+use crate::output_folder::is_same_place;
 use crate::scan::assemble::{Attributes, assemble_with};
 use crate::scan::{PointCloud, Reconstruction, ScanId};
 use serde::{Deserialize, Serialize};
@@ -49,6 +50,7 @@ impl ScanFormat {
 /// Returns the files.
 ///
 /// # Errors
+/// [`Error::File`] when `folder` holds the scans themselves;
 /// [`Error::OutputExists`] when one of the files exists and `replace` is not given; files of scans that
 /// cannot be read any more or hold something else now; [`Error::Write`], [`Error::Interrupted`].
 pub fn export_scans(
@@ -63,6 +65,7 @@ pub fn export_scans(
     let exports = exports(document, &reconstruction, folder, format)?;
     let mut files: Vec<PathBuf> = exports.iter().map(|e| e.file.clone()).collect();
     files.dedup();
+    refuse_inputs(document, folder)?;
     if !replace && files.iter().any(|f| f.exists()) {
         return Err(Error::OutputExists { path: folder.to_path_buf() });
     }
@@ -93,6 +96,23 @@ pub fn export_scans(
     }
     monitor.end();
     Ok(files)
+}
+
+/// Moved scans beside the scans would be taken for more of them, or written over them.
+fn refuse_inputs(document: &Document, folder: &Path) -> Result<()> {
+    let of_scan = |entry: &'_ Entry| {
+        let parent = Path::new(entry.file.as_deref()?).parent()?.to_path_buf();
+        Some(if parent.as_os_str().is_empty() { PathBuf::from(".") } else { parent })
+    };
+    match document.scans.iter().any(|e| of_scan(e).is_some_and(|parent| is_same_place(&parent, folder))) {
+        true => Err(Error::file(
+            folder,
+            "the scans that were registered",
+            "a folder for the moved scans alone",
+            "name another folder with --export-scans",
+        )),
+        false => Ok(()),
+    }
 }
 
 /// A scan, its pose, and the file that it goes into.
@@ -167,9 +187,10 @@ fn write_one(path: &Path, cloud: &PointCloud, format: ScanFormat) -> Result<()> 
             let PointCloud { points, origin_m, normals, colors, intensities, .. } = cloud;
             let (normals, colors) = (normals.as_deref(), colors.as_deref());
             let intensities = intensities.as_deref();
-            let cloud =
-                io::PlyCloud { points, origin_m: *origin_m, normals, colors, intensities, scans: None };
-            io::write_ply(path, &cloud)
+            let origin_m = *origin_m;
+            let own =
+                io::PlyCloud { points, origin_m, normals, colors, intensities, ..io::PlyCloud::default() };
+            io::write_ply(path, &own)
         }
     }
 }
@@ -238,6 +259,24 @@ mod tests {
         let moved = RigidMotion::new(Vector3::new(4e5, 2.0, 3.0), turn);
         let outcomes = vec![placed(moved, 0), placed(RigidMotion::identity(), 1)];
         Document::new(&[scan(0), scan(1)], &Reconstruction { outcomes }, 0.07)
+    }
+
+    #[test]
+    fn moved_scans_do_not_go_among_the_scans() {
+        let folder = tempfile::tempdir().unwrap();
+        let document = result(folder.path());
+        let before = std::fs::read(folder.path().join("s0.ply")).unwrap();
+        // The same folder by another name.
+        let place = folder.path().join("x/..");
+        std::fs::create_dir(folder.path().join("x")).unwrap();
+        for format in [ScanFormat::Ply, ScanFormat::Las] {
+            let options = ReadOptions::default();
+            let said =
+                export_scans(&document, &options, &place, format, true, &Silent).unwrap_err().to_string();
+            assert!(said.contains("--export-scans"), "{said}");
+        }
+        assert_eq!(std::fs::read(folder.path().join("s0.ply")).unwrap(), before);
+        assert!(!folder.path().join("s0.las").exists());
     }
 
     #[test]
