@@ -178,7 +178,7 @@ fn a_limit_of_file_sizes_is_an_error_and_leaves_no_litter() {
         .output()
         .unwrap();
     assert_eq!(code(&run), Some(5), "{run:?}");
-    assert!(said(&run).contains("cannot write it: File too large"), "{}", said(&run));
+    assert!(contains("cannot write it").and(contains("File too large")).eval(&said(&run)), "{}", said(&run));
     assert!(!out.join("poses.json").exists());
     assert!(!out.exists() || litter(&out).is_empty());
 }
@@ -286,4 +286,19 @@ fn no_command_writes_over_what_it_reads() {
     again(&features.join("cloud_bin_0.npz")).assert().code(3).stderr(contains("cloud_bin_0.npz"));
     again(&scans).arg("--features").arg(&features).assert().code(4).stderr(contains("--features"));
     assert_eq!(std::fs::read(features.join("cloud_bin_0.npz")).unwrap(), before);
+}
+
+/// Some of the places that `scripts/fault-injection.sh` tries one after the other.
+#[cfg(target_os = "linux")]
+#[test]
+fn failing_and_killed_at_a_system_call_it_leaves_a_whole_result_or_none() {
+    if !Command::new("strace").args(["-qq", "-o", "/dev/null", "true"]).status().is_ok_and(|s| s.success()) {
+        eprintln!("not tested: strace is not installed or may not trace");
+        return;
+    }
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/scripts/fault-injection.sh");
+    let run =
+        Command::new(script).args([env!("CARGO_BIN_EXE_scanweave"), "40", "register"]).output().unwrap();
+    assert!(run.status.success(), "{}", said(&run));
+    assert!(contains("register: ").eval(&String::from_utf8_lossy(&run.stdout)), "{run:?}");
 }

@@ -115,7 +115,15 @@ impl FolderLock {
     }
 
     fn in_use(&self, lock: &Path) -> Error {
-        let owner = stated(lock).map_or_else(|| "another process".to_owned(), |s| s.to_string());
+        // An owner that has just taken it writes in a moment who it is.
+        let wait = || std::thread::sleep(Duration::from_millis(10));
+        let owner = (0..20).find_map(|_| {
+            stated(lock).or_else(|| {
+                wait();
+                None
+            })
+        });
+        let owner = owner.map_or_else(|| "another process".to_owned(), |s| s.to_string());
         Error::OutputInUse { path: self.folder.clone(), owner }
     }
 }
