@@ -172,10 +172,9 @@ fn lock(arguments: &Arguments) -> Result<Vec<FolderLock>> {
             locks.push(FolderLock::take(folder)?);
         }
     }
-    if let Some(scans) = arguments.export_scans.as_deref() {
-        if !folder.is_some_and(|f| is_same_place(f, scans)) {
-            locks.push(FolderLock::take(scans)?);
-        }
+    let scans = arguments.export_scans.as_deref();
+    if let Some(scans) = scans.filter(|scans| !folder.is_some_and(|f| is_same_place(f, scans))) {
+        locks.push(FolderLock::take(scans)?);
     }
     Ok(locks)
 }
