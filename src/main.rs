@@ -9,7 +9,7 @@ use std::process::ExitCode;
 fn main() -> ExitCode {
     let arguments = cli::Cli::parse();
     cli::logging::start(&arguments.verbosity);
-    match cli::run(arguments) {
+    match cli::start().and_then(|()| cli::run(arguments)) {
         Ok(status) => status.into(),
         Err(error) => {
             cli::terminal::print_error(&error);

@@ -6,6 +6,7 @@ use super::{Status, Verbosity, terminal};
 use clap::{Args, Subcommand};
 use scanweave::benchmark::table::{self, Table};
 use scanweave::benchmark::{self, Options, Plan, Shard, Suite, output};
+use scanweave::output_folder::FolderLock;
 use scanweave::{Error, Monitor};
 use std::path::{Path, PathBuf};
 
@@ -96,7 +97,11 @@ fn compute(
         Some(shard) => shard,
         None => shard_of_environment(|name| std::env::var(name).ok())?,
     };
-    std::fs::create_dir_all(output).map_err(|e| Error::write(output, e))?;
+    // Parts of a suite never compute the same cell: they may share a folder.
+    let _lock = match shard == Shard::WHOLE {
+        true => FolderLock::take(output)?,
+        false => FolderLock::take_shared(output)?,
+    };
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;
     let build = build();
@@ -121,6 +126,7 @@ fn compute(
 }
 
 fn merge(arguments: &MergeArguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    let _lock = FolderLock::take(&arguments.output)?;
     let merged = benchmark::merge(&arguments.parts, &arguments.output)?;
     let text = write_tables(&arguments.output, &merged.suite, &merged.plan)?;
     if merged.builds.len() > 1 {

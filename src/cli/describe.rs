@@ -5,6 +5,7 @@ use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
 use clap::Args;
 use scanweave::descriptor::DescriptorKind;
+use scanweave::output_folder::{FolderLock, is_same_place, is_within};
 use scanweave::pipeline::{self, FeatureSource};
 use scanweave::scan::Scan;
 use scanweave::{Error, io};
@@ -45,9 +46,14 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
     let mut config = arguments.settings.config()?;
     arguments.reading.format.apply(&mut config.input)?;
+    let _lock = FolderLock::take(&arguments.output)?;
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;
-    let scans = arguments.reading.read(&arguments.inputs, &config.input, &progress, verbosity)?;
+    // Features, which could pass for clouds.
+    let is_own =
+        |file: &Path| file.extension().is_some_and(|e| e == "npz") && is_within(file, &arguments.output);
+    let scans = arguments.reading.read(&arguments.inputs, &config.input, &progress, verbosity, is_own)?;
+    refuse_inputs(arguments, &scans)?;
     check_output(&arguments.output, &scans, arguments.force)?;
     let given = match &arguments.features {
         Some(place) => {
@@ -88,6 +94,27 @@ fn place_of(folder: &Path, scan: &Scan) -> PathBuf {
     folder.join(format!("{}.npz", scan.name))
 }
 
+/// Declines to write over a scan, or over the features that are converted.
+fn refuse_inputs(arguments: &Arguments, scans: &[Scan]) -> Result<(), Error> {
+    let remedy = "choose another folder with --output";
+    if let Some(given) = arguments.features.as_ref().filter(|f| is_same_place(f, &arguments.output)) {
+        let expected = "another folder than that of the result";
+        return Err(Error::setting("--features", given.display().to_string(), expected, remedy));
+    }
+    let own = |scan: &&Scan| {
+        scan.path
+            .as_ref()
+            .is_some_and(|p| scans.iter().any(|s| is_same_place(p, &place_of(&arguments.output, s))))
+    };
+    match scans.iter().find(own).and_then(|s| s.path.as_ref()) {
+        Some(path) => {
+            let found = "a scan with the name of the features of a scan";
+            Err(Error::file(path, found, "scans that the features do not replace", remedy))
+        }
+        None => Ok(()),
+    }
+}
+
 /// Makes the folders, and refuses them before minutes are spent.
 fn check_output(folder: &Path, scans: &[Scan], force: bool) -> Result<(), Error> {
     for scan in scans {
@@ -98,5 +125,5 @@ fn check_output(folder: &Path, scans: &[Scan], force: bool) -> Result<(), Error>
         let parent = path.parent().unwrap_or(folder);
         std::fs::create_dir_all(parent).map_err(|e| Error::write(parent, e))?;
     }
-    tempfile::tempfile_in(folder).map(drop).map_err(|e| Error::write(folder, e))
+    Ok(())
 }

@@ -13,6 +13,7 @@ use scanweave::evaluation::recall::RecallReport;
 use scanweave::evaluation::scene::{Benchmark, SceneTruth};
 use scanweave::geometry::Point;
 use scanweave::geometry::voxel_means;
+use scanweave::output_folder::FolderLock;
 use scanweave::report::growth_tree;
 use scanweave::result::poses::Document;
 use scanweave::scan::Reconstruction;
@@ -65,7 +66,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     };
     let text = diagnosis.markdown(&title);
     if let Some(folder) = &arguments.output {
-        std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+        let _lock = FolderLock::take(folder)?;
         for (name, content) in [
             ("growth.svg", &growth_tree::svg(&diagnosis)),
             ("pairs.csv", &diagnosis.pairs_csv()),

@@ -3,6 +3,7 @@
 use super::evaluate_page::{self, OneResult, Wanted};
 use super::evaluate_text::{Judgement, Report, print};
 use super::evaluate_truth::Truth;
+use super::result_folder::load_poses;
 use super::{Status, Verbosity, evaluate_set, terminal};
 use anyhow::Context;
 use clap::Args;
@@ -132,7 +133,7 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
 }
 
 fn one(arguments: &Arguments, truth_folder: &Path, verbosity: &Verbosity) -> anyhow::Result<()> {
-    let document = Document::load(&arguments.result.join("poses.json"))?;
+    let document = load_poses(&arguments.result)?;
     let reconstruction = document.reconstruction()?;
     let truth = Truth::read(&document, truth_folder)?;
     let poses = evaluate_against_truth(&reconstruction, &truth.world_from_scan)?;

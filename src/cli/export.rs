@@ -3,10 +3,11 @@
 use super::options::word;
 use super::progress::Progress;
 use super::report::settings;
-use super::result_folder::{CONFIG, POSES, REPORT, numbered};
+use super::result_folder::{CONFIG, REPORT, load_poses, numbered};
 use super::{Status, Verbosity, terminal};
 use clap::{Args, ValueEnum};
 use scanweave::io::{pose_graphs, trajectories};
+use scanweave::output_folder::{FolderLock, is_same_place};
 use scanweave::result::poses::Document;
 use scanweave::result::run::RunReport;
 use scanweave::result::scans::{ScanFormat, export_scans};
@@ -41,6 +42,13 @@ pub struct Arguments {
     /// Replace exported scans that are already there.
     #[arg(long)]
     force: bool,
+}
+
+impl Arguments {
+    /// Folder for the files.
+    fn folder(&self) -> &Path {
+        self.output.as_deref().unwrap_or(&self.result)
+    }
 }
 
 /// What is written for other programs.
@@ -155,13 +163,31 @@ impl ExportOptions {
     }
 }
 
+/// Locks the folders that are written into, and makes those that do not exist.
+fn lock(arguments: &Arguments) -> Result<Vec<FolderLock>> {
+    let mut locks = Vec::new();
+    let folder = Some(arguments.folder()).filter(|_| !arguments.exports.is_empty());
+    if let Some(folder) = folder {
+        // A result that is not there must not become an empty folder.
+        if arguments.output.is_some() || folder.exists() {
+            locks.push(FolderLock::take(folder)?);
+        }
+    }
+    let scans = arguments.export_scans.as_deref();
+    if let Some(scans) = scans.filter(|scans| !folder.is_some_and(|f| is_same_place(f, scans))) {
+        locks.push(FolderLock::take(scans)?);
+    }
+    Ok(locks)
+}
+
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
     if arguments.exports.is_empty() && arguments.export_scans.is_none() {
         let expected = "--trajectory tum,kitti,csv,colmap, --pose-graph g2o,open3d, or --export-scans DIR \
                         --format ply, or several of these";
         return Err(Error::setting("export", "nothing to write", expected, "add one of these flags").into());
     }
-    let document = Document::load(&arguments.result.join(POSES))?;
+    let _locks = lock(arguments)?;
+    let document = load_poses(&arguments.result)?;
     if let (Some(folder), Some(format)) = (&arguments.export_scans, arguments.format) {
         let options = settings(&arguments.result.join(CONFIG))?.input;
         let progress = Progress::start(verbosity)?;
@@ -182,8 +208,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
         true => 0.0,
         false => RunReport::load(&arguments.result.join(REPORT))?.scale.inlier_radius_m,
     };
-    let folder = arguments.output.as_deref().unwrap_or(&arguments.result);
-    std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+    let folder = arguments.folder();
     let registration = Registration { inlier_radius_m, pose_graph: None };
     let written = arguments.exports.write(folder, &document, &registration)?;
     if !verbosity.quiet {

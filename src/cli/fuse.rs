@@ -1,10 +1,12 @@
 //! `scanweave fuse`.
 
 use super::options::ThreadOption;
+use super::options::refuse_walk;
 use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
 use clap::Args;
 use scanweave::fusion::FusionConfig;
+use scanweave::output_folder::FolderLock;
 use scanweave::preparation::fragments::{FragmentConfig, write_fragments};
 use std::path::PathBuf;
 
@@ -53,6 +55,8 @@ pub struct Arguments {
 const TRUNCATION_VOXELS: f64 = 5.0;
 
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    refuse_walk(&arguments.walk, &arguments.output)?;
+    let _lock = FolderLock::take(&arguments.output)?;
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;
     let config = FragmentConfig {

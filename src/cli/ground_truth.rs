@@ -4,6 +4,7 @@ use super::options::ThreadOption;
 use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
 use clap::Args;
+use scanweave::output_folder::FolderLock;
 use scanweave::preparation::truth::{GroundTruth, TruthConfig};
 use std::path::PathBuf;
 
@@ -37,6 +38,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    let _lock = FolderLock::take(&arguments.output)?;
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;
     let config = TruthConfig { voxel_m: arguments.voxel, radius_m: arguments.radius };

@@ -85,6 +85,11 @@ enum Command {
     Man(man::Arguments),
 }
 
+/// What is set up once, before any command.
+pub fn start() -> anyhow::Result<()> {
+    interrupt::outlive_file_size_limits()
+}
+
 /// Runs the chosen command.
 pub fn run(cli: Cli) -> anyhow::Result<Status> {
     match cli.command {

@@ -3,14 +3,15 @@
 use super::{Verbosity, outcome};
 use anyhow::Context;
 use clap::Args;
-use scanweave::Monitor;
 use scanweave::config::{self, Config, Layers};
 use scanweave::io::{self, ReadOptions, TextColumns};
+use scanweave::output_folder::is_same_place;
 use scanweave::registration::config::Axis;
 use scanweave::scan::Scan;
+use scanweave::{Error, Monitor};
 use serde::de::DeserializeOwned;
 use serde::de::value::{Error as ValueError, StrDeserializer};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Where settings come from; later ones win: preset, file, `--set`, flags.
 #[derive(Debug, Default, Args)]
@@ -103,15 +104,18 @@ pub struct ReadingOptions {
 }
 
 impl ReadingOptions {
-    /// Finds and reads the scans, and says what a user should know of it.
+    /// Finds and reads the scans, and says what a user should know of it. Files that are found in folders
+    /// and are output of this run (`is_own`) are left out.
     pub fn read(
         &self,
         inputs: &[String],
         options: &ReadOptions,
         monitor: &dyn Monitor,
         verbosity: &Verbosity,
+        is_own: impl Fn(&Path) -> bool,
     ) -> scanweave::Result<Vec<Scan>> {
-        let found = io::discover_with(inputs, self.recursive)?;
+        let mut found = io::discover_with(inputs, self.recursive)?;
+        found.leave_out(is_own);
         let read = io::read_inputs(&found, options, self.skip_unreadable, monitor)?;
         outcome::tell_about(&read, verbosity);
         Ok(read.scans)
@@ -195,6 +199,16 @@ fn unit_m(text: &str) -> Result<f64, String> {
 pub fn word<T: DeserializeOwned>(text: &str) -> Result<T, String> {
     // Serde's own message lists the words.
     T::deserialize(StrDeserializer::<ValueError>::new(text)).map_err(|e| e.to_string())
+}
+
+/// Declines to write scans into the folder of the walk that they are made of: they would be taken for
+/// images of it, or replace them.
+pub fn refuse_walk(walk: &Path, output: &Path) -> scanweave::Result<()> {
+    if !is_same_place(walk, output) {
+        return Ok(());
+    }
+    let found = format!("{}, the folder of the walk", output.display());
+    Err(Error::setting("--output", found, "a folder of its own", "choose another folder"))
 }
 
 /// How many threads work.

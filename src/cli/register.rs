@@ -9,9 +9,10 @@ use clap::Args;
 use scanweave::Error;
 use scanweave::config::{Config, Method};
 use scanweave::descriptor::DescriptorKind;
+use scanweave::output_folder::is_within;
 use scanweave::pipeline::{self, FeatureSource, PairCache, Stopwatch};
 use scanweave::synchronization::GraphKind;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Register scans: poses with evidence, and one merged cloud.
 ///
@@ -73,8 +74,11 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
     let progress = Progress::start(verbosity)?;
 
     let mut clock = Stopwatch::default();
-    let mut scans = clock
-        .time("reading", || arguments.reading.read(&arguments.inputs, &config.input, &progress, verbosity))?;
+    let is_own = |file: &Path| is_within(file, &folder.cache());
+    let (reading, inputs) = (&arguments.reading, &arguments.inputs);
+    let mut scans =
+        clock.time("reading", || reading.read(inputs, &config.input, &progress, verbosity, is_own))?;
+    folder.refuse_inputs(&scans)?;
     arguments.prior.give(&mut scans)?;
     let given = match &arguments.features {
         Some(place) => Some(clock.time("features", || pipeline::read_features(place, &scans, &progress))?),

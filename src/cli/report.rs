@@ -3,13 +3,14 @@
 use super::evaluate_truth::against_truth;
 use super::options::ThreadOption;
 use super::progress::Progress;
-use super::result_folder::{CONFIG, OVERLAP, PAGE, POSES, PROTOCOL, REPORT, merged_files};
+use super::result_folder::{CONFIG, OVERLAP, PAGE, PROTOCOL, REPORT, load_poses, merged_files};
 use super::{Status, Verbosity, terminal};
 use clap::Args;
 use rayon::prelude::*;
 use scanweave::config::{Config, Layers};
 use scanweave::geometry::Point;
 use scanweave::io::ReadOptions;
+use scanweave::output_folder::FolderLock;
 use scanweave::preprocessing::localize;
 use scanweave::report::html::PointSource;
 use scanweave::report::{html, protocol};
@@ -54,7 +55,12 @@ pub struct Arguments {
 
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
     let folder = &arguments.result;
-    let poses = Document::load(&folder.join(POSES))?;
+    // With --output, nothing is written here, and the folder may be read-only.
+    let _lock = match arguments.output.is_none() && folder.exists() {
+        true => Some(FolderLock::take(folder)?),
+        false => None,
+    };
+    let poses = load_poses(folder)?;
     let report = RunReport::load(&folder.join(REPORT))?;
     let config_file = folder.join(CONFIG);
     let config = scanweave::files::read_text(&config_file)?;

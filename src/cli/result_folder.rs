@@ -3,14 +3,17 @@
 use super::export::{self, ExportOptions};
 use scanweave::config::Config;
 use scanweave::geometry::RigidMotion;
+use scanweave::output_folder::{FolderLock, is_same_place};
 use scanweave::pipeline::{Run, Stopwatch};
 use scanweave::report::{html, protocol};
+use scanweave::result::identity::{self, RunIdentity};
 use scanweave::result::merged::MergedCloud;
 use scanweave::result::overlaps;
 use scanweave::result::poses::Document;
 use scanweave::result::run::{self, RunReport, ScanSize};
 use scanweave::scan::{PointCloud, Scan, ScanId};
 use scanweave::{Error, Monitor, Result, io};
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -26,6 +29,8 @@ pub const PROTOCOL: &str = "registration.html";
 /// A folder that is, or is going to be, a result.
 pub struct ResultFolder {
     path: PathBuf,
+    /// Other runs are kept out for as long as this value lives.
+    _lock: FolderLock,
 }
 
 /// The documents of a finished result.
@@ -35,19 +40,45 @@ pub struct Written {
 }
 
 impl ResultFolder {
-    /// Makes the folder, and makes sure that it can be written to before hours are spent.
+    /// Makes the folder and locks it, before hours are spent.
     pub fn open(path: &Path, force: bool) -> Result<Self> {
+        // Before anything is looked for: another run may be about to write it.
+        let lock = FolderLock::take(path)?;
         if path.join(POSES).exists() && !force {
             return Err(Error::OutputExists { path: path.to_path_buf() });
         }
-        std::fs::create_dir_all(path).map_err(|e| Error::write(path, e))?;
-        tempfile::tempfile_in(path).map_err(|e| Error::write(path, e))?;
-        Ok(Self { path: path.to_path_buf() })
+        Ok(Self { path: path.to_path_buf(), _lock: lock })
     }
 
     /// The folder.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Declines scans that this run would write over, or remove as files of an older result.
+    pub fn refuse_inputs(&self, scans: &[Scan]) -> Result<()> {
+        let of_component = |c| {
+            let clouds = [("trajectory", "log"), ("merged", "ply")].map(|(s, e)| numbered(s, c, e));
+            clouds.into_iter().chain(export::files(c))
+        };
+        let own: BTreeSet<String> = (0..=scans.len())
+            .flat_map(of_component)
+            .chain([POSES, CONFIG, OVERLAP, REPORT, PAGE].map(str::to_owned))
+            .collect();
+        for path in scans.iter().filter_map(|s| s.path.as_deref()) {
+            let name = path.file_name().map(|n| n.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+            if own.contains(&name)
+                && is_same_place(path, &self.path.join(path.file_name().unwrap_or_default()))
+            {
+                return Err(Error::file(
+                    path,
+                    "a scan with the name of a file of the result",
+                    "scans that the result does not replace",
+                    "choose another folder with --output, or rename the scan",
+                ));
+            }
+        }
+        Ok(())
     }
 
     /// Where features are kept for the next run.
@@ -68,17 +99,22 @@ impl ResultFolder {
         monitor.check("writing the result")?;
         self.remove_old_result()?;
         clock.stages.extend(run.timings.iter().cloned());
-        let poses = Document::new(scans, &run.reconstruction, run.scale.inlier_radius_m);
+        let mut poses = Document::new(scans, &run.reconstruction, run.scale.inlier_radius_m);
         let settings = config.to_toml()?;
+        let id = identity::run_id(&poses, &settings);
         clock.time("writing", || -> Result<()> {
-            self.write_clouds(scans, run, config)?;
+            let clouds = self.write_clouds(scans, run, config, &id)?;
             self.write_text(OVERLAP, &overlaps::csv(&run.similarity, &poses))?;
             let registration = export::Registration {
                 inlier_radius_m: run.scale.inlier_radius_m,
                 pose_graph: run.pose_graph.as_ref(),
             };
             exports.write(&self.path, &poses, &registration)?;
-            self.write_text(CONFIG, &settings)
+            self.write_text(CONFIG, &settings)?;
+            let written = clouds.into_iter().chain([OVERLAP, CONFIG].map(str::to_owned));
+            let files = identity::digests(&self.path, written)?;
+            poses.run = Some(RunIdentity { id: id.clone(), files });
+            Ok(())
         })?;
         let mut report = report(scans, run, config, &poses, clock);
         let mut clock = Stopwatch::default();
@@ -131,26 +167,30 @@ impl ResultFolder {
         remove_each(&of_component, &remove)
     }
 
-    /// A trajectory and a merged cloud for every component; the first carries no number.
-    fn write_clouds(&self, scans: &[Scan], run: &Run, config: &Config) -> Result<()> {
+    /// A trajectory and a merged cloud for every component; the first carries no number. Returns the names.
+    fn write_clouds(&self, scans: &[Scan], run: &Run, config: &Config, id: &str) -> Result<Vec<String>> {
+        let mut written = Vec::new();
         let voxel_m = config.output.merged_voxel_m.unwrap_or(0.5 * run.scale.voxel_m) as f32;
         for component in 0..run.reconstruction.components().max(1) {
             let cloud = MergedCloud::new(scans, &run.reconstruction, component, voxel_m);
             let scan: Vec<i32> = cloud.scan.iter().map(|&s| s as i32).collect();
+            let names = [("merged", "ply"), ("trajectory", "log")].map(|(s, e)| numbered(s, component, e));
             io::write_ply(
-                self.path.join(numbered("merged", component, "ply")),
+                self.path.join(&names[0]),
                 &io::PlyCloud {
                     points: &cloud.points,
                     origin_m: cloud.origin_m,
                     colors: cloud.colors.as_deref(),
                     scans: Some(&scan),
+                    run: Some(id),
                     ..io::PlyCloud::default()
                 },
             )?;
             let poses: Vec<_> = placed_in(run, component).collect();
-            io::poses::write_trajectory(self.path.join(numbered("trajectory", component, "log")), &poses)?;
+            io::poses::write_trajectory(self.path.join(&names[1]), &poses)?;
+            written.extend(names);
         }
-        Ok(())
+        Ok(written)
     }
 
     fn write_text(&self, name: &str, text: &str) -> Result<()> {
@@ -168,6 +208,14 @@ impl Written {
         });
         format!("{document:#}\n")
     }
+}
+
+/// The `poses.json` of a result, which is declined where its folder holds files of another run too.
+pub fn load_poses(folder: &Path) -> Result<Document> {
+    let poses = Document::load(&folder.join(POSES))?;
+    let merged: Vec<String> = (0..poses.components.len()).map(|c| numbered("merged", c, "ply")).collect();
+    identity::check_folder(&poses, folder, REPORT, &merged)?;
+    Ok(poses)
 }
 
 /// The merged clouds of a result with so many components.
@@ -213,6 +261,7 @@ fn report(scans: &[Scan], run: &Run, config: &Config, poses: &Document, clock: S
     };
     RunReport {
         generator: poses.generator.clone(),
+        run_id: poses.run.as_ref().map(|run| run.id.clone()),
         seed: config.seed,
         preset: config.preset.clone(),
         threads: rayon::current_num_threads(),

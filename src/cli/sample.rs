@@ -1,9 +1,11 @@
 //! `scanweave sample`.
 
 use super::options::ThreadOption;
+use super::options::refuse_walk;
 use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
 use clap::Args;
+use scanweave::output_folder::FolderLock;
 use scanweave::preparation::sample::{SampleConfig, write_sample};
 use std::path::PathBuf;
 
@@ -39,6 +41,8 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    refuse_walk(&arguments.walk, &arguments.output)?;
+    let _lock = FolderLock::take(&arguments.output)?;
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;
     let config = SampleConfig {

@@ -8,6 +8,7 @@ use scanweave::evaluation::ground_truth::{overlap_matrix, truth_of_pairs};
 use scanweave::geometry::Point;
 use scanweave::geometry::voxel_means;
 use scanweave::io::write_dataset::{SceneWriter, write_benchmark, write_overlaps};
+use scanweave::output_folder::FolderLock;
 use scanweave::scan::SimilarityMatrix;
 use scanweave::synthetic::{self, SynthConfig, SyntheticSet};
 use scanweave::{Error, io};
@@ -73,6 +74,7 @@ impl SceneOptions {
 
 pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
     let folder = &arguments.output;
+    let _lock = FolderLock::take(folder)?;
     // Written last, so that it marks a whole set.
     let mark = folder.join("gt.log");
     if mark.exists() && !arguments.force {

@@ -5,6 +5,7 @@ use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
 use clap::{Args, Subcommand};
 use scanweave::evaluation::retrieval_scores::RetrievalScores;
+use scanweave::output_folder::FolderLock;
 use scanweave::pipeline::FeatureSource;
 use scanweave::report::chart::{self, Panel, Series};
 use scanweave::training::descriptor::DescriptorRecipe;
@@ -134,7 +135,7 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
 
 fn train_head(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Result<Status> {
     let recipe = Recipe::load(options.config())?;
-    open(options)?;
+    let _lock = open(options)?;
     options.threads.start()?;
     let progress = Progress::start(verbosity)?;
     let cache = options.cache.clone().unwrap_or_else(|| options.output().join("cache"));
@@ -149,7 +150,7 @@ fn train_head(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Result<Sta
 
 fn train_descriptor(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Result<Status> {
     let recipe = DescriptorRecipe::load(options.config())?;
-    open(options)?;
+    let _lock = open(options)?;
     options.threads.start()?;
     let progress = Progress::start(verbosity)?;
     let data = training::descriptor::load(&recipe, options.data_root(), &progress)?;
@@ -174,12 +175,11 @@ fn train_descriptor(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Resu
 fn train_verifier(arguments: &VerifierArguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
     let recipe = VerifierRecipe::load(&arguments.config)?;
     let folder = &arguments.output;
+    let _lock = FolderLock::take(folder)?;
     let [verifier, ..] = VerifierReport::FILES;
     if folder.join(verifier).exists() && !arguments.force {
         return Err(Error::OutputExists { path: folder.clone() }.into());
     }
-    std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
-    tempfile::tempfile_in(folder).map(drop).map_err(|e| Error::write(folder, e))?;
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;
     let beside = arguments.config.parent().unwrap_or(Path::new(""));
@@ -212,9 +212,10 @@ fn write_curves(path: &Path, records: &[mini_spin_net::Record]) -> Result<(), Er
     io::atomic::write(path, |out| out.write_all(chart::svg(&panels)?.as_bytes()))
 }
 
-/// Makes the folder, and refuses it before hours are spent on features.
-fn open(arguments: &RunOptions) -> Result<(), Error> {
+/// Makes the folder and locks it, or refuses it before hours are spent on features.
+fn open(arguments: &RunOptions) -> Result<FolderLock, Error> {
     let folder = arguments.output();
+    let lock = FolderLock::take(folder)?;
     let held = [run_folder::BEST, run_folder::LAST].iter().any(|name| folder.join(name).exists());
     if held && !arguments.resume && !arguments.force {
         return Err(Error::OutputExists { path: folder.to_path_buf() });
@@ -228,8 +229,7 @@ fn open(arguments: &RunOptions) -> Result<(), Error> {
             "name the folder of that run, or start one without --resume",
         ));
     }
-    std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
-    tempfile::tempfile_in(folder).map(drop).map_err(|e| Error::write(folder, e))
+    Ok(lock)
 }
 
 fn remove_old_run(folder: &Path) -> Result<(), Error> {

@@ -1,9 +1,13 @@
 //! Whole files or none: everything this crate writes goes through [`write`](fn@write).
 
 use crate::error::{Error, Result};
+use crate::owner::Owner;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
+
+/// What the names of temporary files and folders begin with; their owner follows, and a word of chance.
+pub(crate) const TEMPORARY: &str = ".scanweave-";
 
 /// What a writing closure gets: buffered, and seekable.
 pub type Sink<'a> = BufWriter<&'a File>;
@@ -45,8 +49,9 @@ fn whole_file(path: &Path, content: impl FnOnce(&File) -> io::Result<()>) -> io:
         Some(p) if !p.as_os_str().is_empty() => p,
         _ => Path::new("."),
     };
+    let prefix = temporary_prefix();
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".scanweave-").suffix(".part");
+    builder.prefix(&prefix).suffix(".part");
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
@@ -63,6 +68,12 @@ fn whole_file(path: &Path, content: impl FnOnce(&File) -> io::Result<()>) -> io:
         folder.sync_all().ok();
     }
     Ok(())
+}
+
+/// What a temporary file or folder of this process is called before its word of chance: a later run that
+/// finds it can tell whether it is still being written.
+pub(crate) fn temporary_prefix() -> String {
+    format!("{TEMPORARY}{}-", Owner::current().tag())
 }
 
 #[cfg(test)]

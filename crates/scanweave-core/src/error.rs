@@ -84,6 +84,14 @@ pub enum Error {
         /// The output file or folder.
         path: PathBuf,
     },
+    /// Another run is writing into the output folder.
+    #[error("{}: another run writes into it ({owner}); wait for its end, or choose another folder with --output", path.display())]
+    OutputInUse {
+        /// The folder.
+        path: PathBuf,
+        /// Who has it.
+        owner: String,
+    },
     /// The user asked to stop.
     #[error("interrupted during {stage}; nothing half-written was left behind")]
     Interrupted {
@@ -114,7 +122,7 @@ impl Error {
                 ErrorKind::Input
             }
             Error::Setting { .. } => ErrorKind::Setting,
-            Error::Write { .. } | Error::OutputExists { .. } => ErrorKind::Output,
+            Error::Write { .. } | Error::OutputExists { .. } | Error::OutputInUse { .. } => ErrorKind::Output,
             Error::Interrupted { .. } => ErrorKind::Interrupted,
         }
     }

@@ -33,6 +33,8 @@ pub mod files;
 pub mod geometry;
 pub mod io;
 mod monitor;
+pub mod output_folder;
+mod owner;
 pub mod pipeline;
 pub mod preprocessing;
 pub mod random;

@@ -41,6 +41,7 @@ fn named(names: &[&str], outcomes: Vec<Outcome>) -> Document {
 fn run_report(document: &Document) -> RunReport {
     RunReport {
         generator: document.generator.clone(),
+        run_id: None,
         seed: 1,
         preset: "default".to_owned(),
         threads: 1,

@@ -1,6 +1,7 @@
 //! Scans, features and results.
 
 use crate::geometry::{Point, PointIndex};
+use crate::result::identity::check_report;
 use crate::result::poses::{Document, EntryOutcome};
 use crate::result::run::RunReport;
 use crate::scan::WorkingScale;
@@ -182,10 +183,16 @@ pub(super) fn result(folder: &Path) -> Result<ResultContent> {
         mean_residual_m: (!residuals.is_empty())
             .then(|| residuals.iter().sum::<f64>() / residuals.len() as f64),
         left_out: left_out(&poses),
-        run: if report.exists() { Some(run(RunReport::load(&report)?)) } else { None },
+        run: if report.exists() { Some(run_of(&poses, &report)?) } else { None },
         files: files(folder)?,
         generator: poses.generator,
     })
+}
+
+fn run_of(poses: &Document, path: &Path) -> Result<RunContent> {
+    let report = RunReport::load(path)?;
+    check_report(poses, &report, path)?;
+    Ok(run(report))
 }
 
 fn left_out(poses: &Document) -> Vec<LeftOut> {

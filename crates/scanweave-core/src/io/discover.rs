@@ -2,6 +2,7 @@
 
 use super::cloud::FORMATS;
 use super::depth::{depth_images, is_depth};
+use super::merged::is_merged;
 use crate::error::{Error, Result};
 use crate::files;
 use std::collections::{BTreeMap, HashSet};
@@ -98,6 +99,18 @@ pub fn discover_with(inputs: &[String], recursive: bool) -> Result<Discovered> {
     files.retain(|f| seen.insert(same(&f.path)));
     left_out.retain(|f| seen.insert(same(&f.path)));
     Ok(Discovered { files, left_out })
+}
+
+impl Discovered {
+    /// Leaves out files of folders (none that the user named) that `is_own` says to be output of this run.
+    pub fn leave_out(&mut self, is_own: impl Fn(&Path) -> bool) {
+        let (own, others) =
+            std::mem::take(&mut self.files).into_iter().partition(|f| !f.named && is_own(&f.path));
+        self.files = others;
+        let why = "it lies where this run writes its output";
+        let left_out = |f: FoundFile| LeftOut { path: f.path, why: why.to_owned(), unreadable: false };
+        self.left_out.extend(Vec::into_iter(own).map(left_out));
+    }
 }
 
 /// What was found so far.
@@ -212,12 +225,15 @@ fn scan_files_of(folder: &Path) -> Result<(Vec<PathBuf>, Vec<LeftOut>)> {
     let mut left_out = Vec::new();
     files.retain(|path| {
         let name = path.file_name().map(|n| n.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-        let known = NO_SCANS.contains(&name.as_str());
-        if known {
-            let why = "a table that goes with scans, by its name".to_owned();
-            left_out.push(LeftOut { path: path.clone(), why, unreadable: false });
-        }
-        !known
+        let why = if NO_SCANS.contains(&name.as_str()) {
+            "a table that goes with scans, by its name"
+        } else if has_extension(path, &["ply"]) && is_merged(path) {
+            "a merged cloud that scanweave wrote; name the file itself to take it"
+        } else {
+            return true;
+        };
+        left_out.push(LeftOut { path: path.clone(), why: why.to_owned(), unreadable: false });
+        false
     });
     let pick = |keep: fn(&Path) -> bool| files.iter().filter(|p| keep(p)).cloned().collect::<Vec<_>>();
     let mut scans = pick(is_cloud);
@@ -294,7 +310,9 @@ fn tree(folder: &Path) -> Result<(Vec<PathBuf>, Vec<LeftOut>)> {
         }
         for entry in fs::read_dir(&folder).map_err(|e| Error::read(&folder, e))? {
             let entry = entry.map_err(|e| Error::read(&folder, e))?;
-            if !entry.file_name().as_encoded_bytes().starts_with(b".") && entry.path().is_dir() {
+            // The cache of a result holds features, which could pass for clouds.
+            let cache = entry.file_name() == "cache" && folder.join("poses.json").exists();
+            if !cache && !entry.file_name().as_encoded_bytes().starts_with(b".") && entry.path().is_dir() {
                 waiting.push(entry.path());
             }
         }
@@ -402,6 +420,35 @@ mod tests {
         let (taken, left_out) = found(&files);
         assert_eq!(taken, ["a.ptx", "b.ply.gz", "c.xyz.zip", "d.e57", "e.laz", "f.LAZ"]);
         assert_eq!(left_out, ["notes.txt.gz"]);
+    }
+
+    #[test]
+    fn merged_clouds_are_left_out_under_any_name_unless_they_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let new =
+            "ply\nformat ascii 1.0\ncomment scanweave merged cloud of run 0a\nelement vertex 0\nend_header\n";
+        let old = "ply\nformat ascii 1.0\ncomment lengths in metres\nelement vertex 1\nproperty float x\n\
+                   property int scan\nend_header\n1 2";
+        let scan = "ply\nformat ascii 1.0\ncomment lengths in metres\nelement vertex 0\nend_header\n";
+        fs::write(path("model.PLY"), new).unwrap();
+        fs::write(path("old.ply"), old).unwrap();
+        fs::write(path("merged.ply"), scan).unwrap();
+        fs::create_dir_all(path("out/cache")).unwrap();
+        fs::write(path("out/cache/a.npz"), "x").unwrap();
+        let find = |input: PathBuf| discover_with(&[input.to_string_lossy().into_owned()], true).unwrap();
+        let mut found = find(folder.path().to_path_buf());
+        let mut names: Vec<PathBuf> = found.left_out.iter().map(|l| l.path.clone()).collect();
+        names.sort();
+        assert_eq!(names, [path("model.PLY"), path("old.ply")]);
+        let files = |found: &Discovered| found.files.iter().map(|f| f.path.clone()).collect::<Vec<_>>();
+        assert_eq!(files(&found), [path("merged.ply"), path("out/cache/a.npz")]);
+        // The cache of this very run, and that of a finished result.
+        found.leave_out(|p| p.starts_with(path("out/cache")));
+        assert_eq!(files(&found), [path("merged.ply")]);
+        fs::write(path("out/poses.json"), "{}").unwrap();
+        assert_eq!(files(&find(folder.path().to_path_buf())), [path("merged.ply")]);
+        assert_eq!(files(&find(path("model.PLY"))), [path("model.PLY")]);
     }
 
     #[test]

@@ -4,7 +4,43 @@ use super::ply;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::scan::PointCloud;
+use std::io::Read;
 use std::path::Path;
+
+/// A line of the header of a merged cloud, before the id of its run.
+pub(super) const MERGED_COMMENT: &str = "comment scanweave merged cloud of run ";
+
+/// The id of the run that a merged cloud states; none where it is another file, or of a run without id.
+///
+/// # Errors
+/// Those of [`files::open`].
+pub fn merged_run(path: &Path) -> Result<Option<String>> {
+    let lines = header(path)?;
+    Ok(lines.iter().find_map(|l| l.strip_prefix(MERGED_COMMENT)).map(|id| id.trim().to_owned()))
+}
+
+/// Whether a file is a merged cloud that this program wrote, whatever it is called now.
+pub(super) fn is_merged(path: &Path) -> bool {
+    let Ok(lines) = header(path) else { return false };
+    let has = |line: &str| lines.iter().any(|l| l == line);
+    // Older versions wrote no comment of their own.
+    lines.iter().any(|l| l.starts_with(MERGED_COMMENT))
+        || (has("comment lengths in metres") && has("property int scan"))
+}
+
+/// The lines of a PLY's header; none of another file. That of a merged cloud is a few hundred bytes.
+fn header(path: &Path) -> Result<Vec<String>> {
+    const MOST_BYTES: u64 = 4096;
+    let mut bytes = Vec::new();
+    let file = files::open(path)?;
+    file.take(MOST_BYTES).read_to_end(&mut bytes).map_err(|e| Error::read(path, e))?;
+    let text = String::from_utf8_lossy(&bytes);
+    let mut lines = text.lines();
+    if lines.next() != Some("ply") {
+        return Ok(Vec::new());
+    }
+    Ok(lines.take_while(|l| *l != "end_header").map(str::to_owned).collect())
+}
 
 /// Reads a PLY whose vertices have a property `scan`, as [`write_ply`](super::write_ply) writes
 /// merged clouds: its points, and for each the number of the scan that it comes from.

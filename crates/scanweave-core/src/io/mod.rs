@@ -52,7 +52,7 @@ pub(crate) use blocks::open_blocks;
 pub use blocks::{BLOCK_POINTS, Held, PointBlocks, Summary, TakeBlock, move_block};
 pub use cloud::{read_cloud, read_file};
 pub use discover::{Discovered, FoundFile, LeftOut, discover, discover_with, scan_files};
-pub use merged::read_merged;
+pub use merged::{merged_run, read_merged};
 pub use overlaps::read_overlaps;
 pub use scan_file::{Note, ReadOptions, ScanFile, StoredScan, unit_m};
 pub use scans::{Inputs, read_inputs, read_scans, unique_names};

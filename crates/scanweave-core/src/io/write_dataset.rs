@@ -41,7 +41,7 @@ impl SceneWriter {
         }
         std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
         let beside = tempfile::Builder::new()
-            .prefix(".scanweave-")
+            .prefix(&atomic::temporary_prefix())
             .tempdir_in(folder)
             .map_err(|e| Error::write(folder, e))?;
         let made = beside.path().join(CLOUDS);

@@ -1,6 +1,7 @@
 //! Writing clouds as binary PLY.
 
 use super::blocks::{PointBlocks, Summary, unwrapped, wrapped};
+use super::merged::MERGED_COMMENT;
 use crate::atomic;
 use crate::error::{Error, Result};
 use crate::geometry::{Direction, Point};
@@ -24,6 +25,8 @@ pub struct PlyCloud<'a> {
     pub intensities: Option<&'a [f32]>,
     /// `[n]` number of the scan a point comes from.
     pub scans: Option<&'a [i32]>,
+    /// Id of the run that the file is a merged cloud of, without spaces.
+    pub run: Option<&'a str>,
 }
 
 /// Writes binary little-endian PLY: `float x y z`, or `double x y z` where the origin is not zero, then,
@@ -53,7 +56,7 @@ pub fn write_ply(path: impl AsRef<Path>, cloud: &PlyCloud<'_>) -> Result<()> {
             intensities: cloud.intensities.is_some(),
             scans: cloud.scans.is_some(),
         };
-        layout.header(w, n)?;
+        layout.header(w, n, cloud.run)?;
         layout.rows(w, cloud)
     })
 }
@@ -76,12 +79,12 @@ pub fn write_ply_blocks(
         scans: false,
     };
     let written = atomic::write(path, |w| {
-        layout.header(w, summary.points)?;
+        layout.header(w, summary.points, None)?;
         let rows = &mut |block: PointCloud| {
             let PointCloud { points, origin_m, normals, colors, intensities, .. } = &block;
             let (normals, colors) = (normals.as_deref(), colors.as_deref());
             let intensities = intensities.as_deref();
-            let block = PlyCloud { points, origin_m: *origin_m, normals, colors, intensities, scans: None };
+            let block = PlyCloud { points, origin_m: *origin_m, normals, colors, intensities, scans: None, run: None };
             layout.rows(w, &block).map_err(|e| Error::write(path, e))
         };
         blocks.for_each(rows).map_err(wrapped)
@@ -100,8 +103,12 @@ struct Layout {
 }
 
 impl Layout {
-    fn header(&self, w: &mut impl Write, n: usize) -> io::Result<()> {
-        write!(w, "ply\nformat binary_little_endian 1.0\ncomment lengths in metres\nelement vertex {n}\n")?;
+    fn header(&self, w: &mut impl Write, n: usize, run: Option<&str>) -> io::Result<()> {
+        write!(w, "ply\nformat binary_little_endian 1.0\ncomment lengths in metres\n")?;
+        if let Some(run) = run {
+            writeln!(w, "{MERGED_COMMENT}{run}")?;
+        }
+        writeln!(w, "element vertex {n}")?;
         let number = if self.far { "double" } else { "float" };
         write!(w, "property {number} x\nproperty {number} y\nproperty {number} z\n")?;
         if self.normals {

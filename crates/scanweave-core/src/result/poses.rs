@@ -1,5 +1,6 @@
 //! `poses.json`: the outcome on every scan, for other programs (docs/poses-json.md).
 
+use super::identity::RunIdentity;
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::geometry::rigid::motion_from_matrix;
@@ -25,6 +26,9 @@ pub struct Document {
     pub version: u32,
     /// Program and version that wrote it.
     pub generator: String,
+    /// The run, and what belongs to it; none where a document stands alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub run: Option<RunIdentity>,
     /// Components, largest first; poses of different components are unrelated.
     pub components: Vec<Component>,
     /// One entry a scan, in the order of the input.
@@ -121,6 +125,7 @@ impl Document {
             format: FORMAT.to_owned(),
             version: VERSION,
             generator: concat!("scanweave ", env!("CARGO_PKG_VERSION")).to_owned(),
+            run: None,
             components: components(reconstruction),
             scans: entries.collect(),
         }

@@ -71,6 +71,9 @@ pub struct Row {
 pub struct RunReport {
     /// Program and version that wrote it.
     pub generator: String,
+    /// `run.id` of the poses.json that it belongs to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub run_id: Option<String>,
     /// Seed of all randomness.
     pub seed: u64,
     /// Preset the settings started from.

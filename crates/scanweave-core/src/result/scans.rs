@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::io::{self, E57Scan, ReadOptions};
 use crate::monitor::Monitor;
+use crate::output_folder::is_same_place;
 use crate::scan::{Reconstruction, ScanId};
 use moved::Moved;
 use serde::{Deserialize, Serialize};
@@ -59,6 +60,7 @@ pub struct Exported {
 /// registered with.
 ///
 /// # Errors
+/// [`Error::File`] when `folder` holds the scans themselves;
 /// [`Error::OutputExists`] when one of the files exists and `replace` is not given; [`Error::Setting`] when
 /// one is the file of a scan; files of scans that cannot be read any more or hold something else now;
 /// [`Error::Write`], [`Error::Interrupted`].
@@ -75,6 +77,7 @@ pub fn export_scans(
     let mut files: Vec<PathBuf> = exports.iter().map(|e| e.file.clone()).collect();
     files.dedup();
     refuse_files_of_scans(document, &files)?;
+    refuse_inputs(document, folder)?;
     if !replace && files.iter().any(|f| f.exists()) {
         return Err(Error::OutputExists { path: folder.to_path_buf() });
     }
@@ -116,6 +119,23 @@ fn refuse_files_of_scans(document: &Document, files: &[PathBuf]) -> Result<()> {
             let expected = "a folder in which no scan is written over";
             Err(Error::setting("export-scans", found, expected, "name another folder"))
         }
+    }
+}
+
+/// Moved scans beside the scans would be taken for more of them, or written over them.
+fn refuse_inputs(document: &Document, folder: &Path) -> Result<()> {
+    let of_scan = |entry: &'_ Entry| {
+        let parent = Path::new(entry.file.as_deref()?).parent()?.to_path_buf();
+        Some(if parent.as_os_str().is_empty() { PathBuf::from(".") } else { parent })
+    };
+    match document.scans.iter().any(|e| of_scan(e).is_some_and(|parent| is_same_place(&parent, folder))) {
+        true => Err(Error::file(
+            folder,
+            "the scans that were registered",
+            "a folder for the moved scans alone",
+            "name another folder with --export-scans",
+        )),
+        false => Ok(()),
     }
 }
 
