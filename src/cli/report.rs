@@ -97,7 +97,8 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     io::atomic::write(&output, |out| out.write_all(page.as_bytes()))?;
     if !verbosity.quiet {
         let (size, said) = (page.len() as f64 / 1e6, html::headline(&poses));
-        terminal::print_line(&format!("{said}\nwritten  {} ({size:.1} MB)", output.display()))?;
+        terminal::print_line(&said)?;
+        terminal::print_line(&format!("written  {} ({size:.1} MB)", output.display()))?;
     }
     Ok(Status::Success)
 }

@@ -34,6 +34,7 @@ pub mod io;
 mod monitor;
 pub mod pipeline;
 pub mod preprocessing;
+pub mod printable;
 pub mod random;
 mod register;
 pub mod registration;

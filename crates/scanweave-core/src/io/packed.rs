@@ -4,6 +4,7 @@ use super::cloud::{Format, HEAD_BYTES, format_of};
 use super::discover;
 use super::scalar::counted;
 use crate::error::{Error, Result};
+use crate::printable::{printable, printable_path};
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -110,7 +111,7 @@ fn listed(unit: &str, names: &[impl AsRef<str>]) -> String {
     const SHOWN: usize = 5;
     let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();
     let more = if names.len() > SHOWN { ", …" } else { "" };
-    format!("{} ({}{more})", counted(names.len(), unit), shown.join(", ").escape_debug())
+    format!("{} ({}{more})", counted(names.len(), unit), printable(&shown.join(", ")))
 }
 
 /// All bytes of `content`, which may be at most `limit`. The format is looked at before the rest is
@@ -147,7 +148,7 @@ fn unpack(path: &Path, name: &Path, mut content: impl Read, limit: u64) -> Resul
 
 /// Refuses a packed file in a packed file.
 pub(super) fn packed_twice(path: &Path, name: &Path) -> Error {
-    let found = format!("a packed file in it ('{}')", name.display().to_string().escape_debug());
+    let found = format!("a packed file in it ('{}')", printable_path(name));
     Error::file(path, found, "one scan, packed once", "unpack it and name the scan itself")
 }
 
