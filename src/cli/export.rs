@@ -30,7 +30,8 @@ pub struct Arguments {
     #[command(flatten)]
     exports: ExportOptions,
     /// Write every placed scan whole, moved into the frame of its component, with colour, intensity and
-    /// normals, into this folder. The files of the scans are read again, one at a time.
+    /// normals, into this folder. The files of the scans that poses.json names are read again,
+    /// one at a time: regular files that end as those of scans.
     #[arg(long, value_name = "DIR", requires = "format")]
     export_scans: Option<PathBuf>,
     /// Format of the scans: ply, pcd, las or laz (without normals), one file a scan; or e57, one file

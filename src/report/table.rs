@@ -53,7 +53,8 @@ pub fn summary(report: &RunReport, width: Option<u16>) -> String {
         report.timings.iter().map(|t| format!("{} {:.1}", printable(&t.stage), t.seconds)).collect();
     write!(text, "{}), {} thread{}", stages.join(", "), report.threads, plural(report.threads)).ok();
     if let (Some(registered), Some(edges)) = (report.registered_pairs, report.edges) {
-        write!(text, "\npairs    {registered} registered, {edges} kept for {}", printable(&report.method)).ok();
+        write!(text, "\npairs    {registered} registered, {edges} kept for {}", printable(&report.method))
+            .ok();
     }
     let reused = report.sizes.iter().filter(|s| s.features_reused).count();
     if reused > 0 {

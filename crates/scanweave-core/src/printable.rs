@@ -180,7 +180,9 @@ mod tests {
 
     #[test]
     fn what_people_write_stays_as_it_is() -> Result<()> {
-        for text in ["Küche größe", "走査 スキャン 스캔", "🙂🏠❤\u{fe0f}", "e\u{301} עברית عربى", "a\\b \u{fffd}", ""] {
+        for text in
+            ["Küche größe", "走査 スキャン 스캔", "🙂🏠❤\u{fe0f}", "e\u{301} עברית عربى", "a\\b \u{fffd}", ""]
+        {
             assert!(matches!(printable(text), Cow::Borrowed(t) if t == text));
             assert!(Error::file(text, "f", "e", "r").to_string().starts_with(text));
         }

@@ -188,7 +188,10 @@ fn placed<'a>(entry: &'a Entry, input: &Input<'_>) -> Option<PlacedData<'a>> {
 
 fn left_out(entry: &Entry) -> Option<LeftOutData<'_>> {
     let EntryOutcome::Declined { decline, explanation } = &entry.outcome else { return None };
-    Some(LeftOutData { plain: printable(&wording::plain(decline)).into_owned(), exact: printable(explanation) })
+    Some(LeftOutData {
+        plain: printable(&wording::plain(decline)).into_owned(),
+        exact: printable(explanation),
+    })
 }
 
 fn packed(similarity: &SimilarityMatrix) -> String {

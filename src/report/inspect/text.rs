@@ -120,7 +120,15 @@ fn result(finding: &Finding, content: &ResultContent, width: Option<u16>) -> Str
         line("residual", format!("{} on average", length(residual)));
     }
     if let Some(run) = &content.run {
-        line("made with", format!("preset {}, method {}, seed {}", printable(&run.preset), printable(&run.method), run.seed));
+        line(
+            "made with",
+            format!(
+                "preset {}, method {}, seed {}",
+                printable(&run.preset),
+                printable(&run.method),
+                run.seed
+            ),
+        );
         line("scale", run.scale.to_string());
         line("overlap", printable(&run.overlap_head).into_owned());
         line("time", format!("{:.1} s", run.total_seconds));

@@ -1,5 +1,6 @@
 //! Reading back the merged cloud of a result.
 
+use super::named_file::check_regular;
 use super::ply;
 use crate::error::{Error, Result};
 use crate::scan::PointCloud;
@@ -16,6 +17,7 @@ pub fn read_merged(path: impl AsRef<Path>) -> Result<(PointCloud, Vec<usize>)> {
     const SCAN: &str = "scan";
     let path = path.as_ref();
     let remedy = "register again, or remove the file";
+    check_regular(path)?;
     let bytes = fs::read(path).map_err(|e| Error::read(path, e))?;
     let cloud = ply::read_points(path, &bytes)?;
     let numbers = ply::read_property(path, &bytes, SCAN)?;

@@ -1,5 +1,6 @@
 //! The files of a registration: poses, merged clouds, overlap, report.
 
+mod check;
 pub mod merged;
 pub mod overlaps;
 pub mod pose_graph;

@@ -2,6 +2,7 @@
 
 use super::poses::{Document, EntryOutcome};
 use crate::error::{Error, Result};
+use crate::io;
 use crate::scan::SimilarityMatrix;
 use std::path::Path;
 
@@ -29,7 +30,7 @@ pub fn csv(similarity: &SimilarityMatrix, document: &Document) -> String {
 /// # Errors
 /// [`Error::Read`], or [`Error::File`] for another file or one that lacks a pair.
 pub fn read_predicted(path: &Path, n: usize) -> Result<SimilarityMatrix> {
-    let text = std::fs::read_to_string(path).map_err(|e| Error::read(path, e))?;
+    let text = io::regular_text(path)?;
     let expected = || format!("'{}' and a line for every pair of {n} scans", HEAD.join(","));
     let refuse = |found: String| Error::file(path, found, expected(), "register again, or remove the file");
     let mut lines = text.lines().enumerate();

@@ -147,6 +147,7 @@ impl Source {
         if self.current.as_ref().is_none_or(|(read, _)| *read != path) {
             // Before the next is read, so that two are never held.
             self.current = None;
+            io::check_named_scan(&path)?;
             let scans = io::read_file(&path, &self.options)?.scans;
             self.current = Some((path.clone(), scans.into_iter().map(|s| Some(s.cloud)).collect()));
         }

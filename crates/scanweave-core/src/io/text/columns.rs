@@ -2,10 +2,10 @@
 
 use super::head::Head;
 use super::names::Name;
-use crate::printable::printable_start;
 use crate::error::{Error, Result};
 use crate::io::scalar::counted;
 use crate::io::scan_file::{Note, ReadOptions};
+use crate::printable::printable_start;
 use std::path::Path;
 
 /// The columns that are read, from zero.

@@ -2,9 +2,9 @@
 
 use super::grammar::{Grammar, Separator};
 use super::names::{Meaning, Meaningless, Name, meaning};
-use crate::printable::printable_start;
 use crate::error::{Error, Result};
 use crate::io::scalar::counted;
+use crate::printable::printable_start;
 use std::path::Path;
 
 /// Lines that are looked at to tell a scan from another table.
