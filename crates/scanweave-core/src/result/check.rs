@@ -213,10 +213,9 @@ mod tests {
             ("/scans/1/name", json!("../../s1"), "the name '../../s1' of scan 1"),
             ("/scans/1/name", json!("/tmp/s1"), "the name '/tmp/s1' of scan 1"),
             ("/scans/1/name", json!(""), "the name '' of scan 1"),
-            ("/scans/1/world_from_scan/0/0", json!(1.001), "world_from_scan of scan 1"),
-            ("/scans/1/world_from_scan/0/0", json!(-1.0), "world_from_scan of scan 1"),
-            ("/scans/1/world_from_scan/3/0", json!(0.5), "world_from_scan of scan 1"),
-            ("/scans/1/world_from_scan/0/3", json!(null), "text that does not fit"),
+            ("/scans/1/world_from_scan/0/0", json!(1.001), "a world_from_scan of scan 1"),
+            ("/scans/1/world_from_scan/0/0", json!(-1.0), "a world_from_scan of scan 1"),
+            ("/scans/1/world_from_scan/3/0", json!(0.5), "a world_from_scan of scan 1"),
             ("/scans", json!([]), "an empty list of scans"),
         ] {
             let mut document = whole();
@@ -226,10 +225,7 @@ mod tests {
             }
             *document.pointer_mut(at).unwrap() = value;
             let message = read(&document.to_string()).unwrap_err();
-            assert!(
-                message.contains(&format!("poses.json: found {said}")) || message.contains(said),
-                "{message}"
-            );
+            assert!(message.contains(&format!("poses.json: found {said}")), "{message}");
             assert!(
                 message.contains("expected") && message.contains("register the scans again"),
                 "{message}"
@@ -243,7 +239,7 @@ mod tests {
         gap["components"].as_array_mut().unwrap().push(json!({"pivot": null, "scans": []}));
         assert!(read(&gap.to_string()).unwrap_err().contains("component 2 without a placed scan"));
         let text = whole().to_string();
-        for number in ["NaN", "Infinity", "1e999"] {
+        for number in ["NaN", "Infinity", "1e999", "null"] {
             let text = text.replacen("\"residual_m\":0.01", &format!("\"residual_m\":{number}"), 1);
             assert!(read(&text).unwrap_err().contains("text that does not fit"), "{number}");
         }
