@@ -7,7 +7,7 @@ use clap::Parser;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let arguments = cli::Cli::parse();
+    let arguments = cli::Cli::try_parse().unwrap_or_else(|error| cli::terminal::exit_with_usage(&error));
     cli::logging::start(&arguments.verbosity);
     match cli::start().and_then(|()| cli::run(arguments)) {
         Ok(status) => status.into(),

@@ -436,6 +436,13 @@ fn judged(result: &Path, truth: &Path, moved: usize) {
         ("decline".to_owned(), declined),
         ("explanation".to_owned(), "lost".into()),
     ]);
+    // Nothing names it as placed any more.
+    poses["components"][0]["scans"].as_array_mut().unwrap().retain(|s| s != moved);
+    for entry in poses["scans"].as_array_mut().unwrap() {
+        if let Some(neighbours) = entry.get_mut("neighbours").and_then(serde_json::Value::as_array_mut) {
+            neighbours.retain(|n| n["scan"] != moved);
+        }
+    }
     std::fs::write(&file, poses.to_string()).unwrap();
     let r = &report(&["--within", "1000"])["judgement"];
     assert_eq!((&r["judged_pairs"], &r["right_pairs"], &r["wrong_pairs"]), (&6.into(), &3.into(), &0.into()));

@@ -110,9 +110,67 @@ fn a_killed_run_goes_on_to_the_same_bytes() {
         assert!(std::fs::read(straight.join(file)).unwrap() == std::fs::read(stopped.join(file)).unwrap());
     }
     assert_eq!(losses(&straight), losses(&stopped));
+    // A bit of the best weights turned over is noticed before it is shipped.
+    let best = stopped.join("best.safetensors");
+    let whole = std::fs::read(&best).unwrap();
+    let mut flipped = whole.clone();
+    *flipped.last_mut().unwrap() ^= 1;
+    std::fs::write(&best, flipped).unwrap();
+    let resume = || train(&config, &stopped).arg("--resume").assert();
+    resume().code(3).stderr(contains("best.safetensors").and(contains("checksum")));
+    std::fs::remove_file(&best).unwrap();
+    resume().code(3).stderr(contains("best.safetensors"));
+    std::fs::write(&best, whole).unwrap();
+    resume().success();
     // Other settings are not the same run.
     let other = recipe(place.path(), "b.toml", "epochs = 31\ncentroids = \"uniform\"");
     train(&other, &stopped).arg("--resume").assert().code(3).stderr(contains("epochs"));
+}
+
+/// A run that was stopped while features were computed, or in its first epoch.
+#[test]
+fn a_run_that_was_stopped_before_its_first_checkpoint_starts_anew() {
+    let place = folder();
+    synth(place.path(), 6);
+    let (config, run) = (recipe(place.path(), "a.toml", "epochs = 2"), place.path().join("run"));
+    std::fs::create_dir(&run).unwrap();
+    let anew = contains("no checkpoint to go on from").and(contains("anew"));
+    train(&config, &run).arg("--resume").assert().success().stderr(anew);
+    assert_eq!(losses(&run).len(), 2);
+    // A best checkpoint alone is not thrown away.
+    std::fs::remove_file(run.join("last.safetensors")).unwrap();
+    train(&config, &run).arg("--resume").assert().code(3).stderr(contains("last.safetensors"));
+    assert!(run.join("best.safetensors").exists());
+}
+
+/// Everything that a run leaves is as readable as any new file.
+#[cfg(unix)]
+#[test]
+fn files_of_a_run_follow_the_umask() {
+    use std::os::unix::fs::PermissionsExt;
+    let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
+    let place = folder();
+    let plain = place.path().join("plain");
+    std::fs::write(&plain, "").unwrap();
+    std::fs::create_dir(place.path().join("plain_folder")).unwrap();
+    synth(place.path(), 6);
+    let config = recipe(place.path(), "a.toml", "epochs = 1");
+    train(&config, &place.path().join("run")).assert().success();
+    let mut folders = vec![place.path().join("run"), place.path().join("cache"), place.path().join("set")];
+    let mut files = 0;
+    while let Some(folder) = folders.pop() {
+        assert_eq!(mode(&folder), mode(&place.path().join("plain_folder")), "{}", folder.display());
+        for entry in std::fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+                continue;
+            }
+            assert_eq!(mode(&path), mode(&plain), "{}", path.display());
+            files += 1;
+        }
+    }
+    assert!(files > 15, "{files}");
 }
 
 #[test]

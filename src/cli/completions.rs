@@ -14,6 +14,6 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Status> {
     let mut script = Vec::new();
     clap_complete::generate(arguments.shell, &mut Cli::command(), "scanweave", &mut script);
-    terminal::print(&String::from_utf8_lossy(&script))?;
+    terminal::print_drawn(&String::from_utf8_lossy(&script))?;
     Ok(Status::Success)
 }

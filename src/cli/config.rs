@@ -17,6 +17,6 @@ pub struct Arguments {
 
 pub fn run(arguments: Arguments) -> anyhow::Result<Status> {
     let text = if arguments.schema { config::schema() } else { arguments.settings.config()?.to_toml()? };
-    terminal::print_line(text.trim_end())?;
+    terminal::print(&format!("{}\n", text.trim_end()))?;
     Ok(Status::Success)
 }

@@ -66,7 +66,7 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
     let comparisons = compare(&set, &run.reconstruction);
     let wrong = comparisons.iter().filter(|v| !v.right).count();
     if !verbosity.quiet {
-        terminal::print(&comparison_table(&run::rows(&poses), &comparisons))?;
+        terminal::print_drawn(&comparison_table(&run::rows(&poses), &comparisons))?;
         clock.stages.extend(run.timings.iter().cloned());
         let seconds: f64 = clock.stages.iter().map(|t| t.seconds).sum();
         let summary = if wrong == 0 {
@@ -74,8 +74,9 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
         } else {
             format!("the demo FAILED: {wrong} wrong")
         };
+        terminal::print_line("")?;
         terminal::print_line(&format!(
-            "\n{summary}: {} scans, {} in the largest component, within {:.0} cm and {MAX_ERROR_DEG}° of the truth \
+            "{summary}: {} scans, {} in the largest component, within {:.0} cm and {MAX_ERROR_DEG}° of the truth \
              ({seconds:.1} s)",
             set.scans.len(),
             poses.components.first().map_or(0, |c| c.scans.len()),

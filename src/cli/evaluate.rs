@@ -162,7 +162,7 @@ fn one(arguments: &Arguments, truth_folder: &Path, verbosity: &Verbosity) -> any
         evaluate_page::write(&wanted, evaluate_page::of_result(&wanted, truth_folder, &result)?)?;
     }
     if arguments.json {
-        terminal::print(&(serde_json::to_string_pretty(&report).context("writing the report")? + "\n"))?;
+        terminal::print_json(&(serde_json::to_string_pretty(&report).context("writing the report")? + "\n"))?;
     } else if !verbosity.quiet {
         print(&report, truth.deviation)?;
     }

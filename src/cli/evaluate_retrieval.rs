@@ -69,7 +69,7 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
         rows.extend(means);
     }
     if arguments.json {
-        terminal::print(&(serde_json::to_string_pretty(&rows).context("writing the report")? + "\n"))?;
+        terminal::print_json(&(serde_json::to_string_pretty(&rows).context("writing the report")? + "\n"))?;
     } else if !verbosity.quiet {
         print(&rows)?;
     }

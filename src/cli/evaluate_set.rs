@@ -66,7 +66,7 @@ pub fn run(job: &Job<'_>, json: bool, verbosity: &Verbosity) -> anyhow::Result<(
     }
     let report = SetReport::new(scenes);
     if json {
-        terminal::print(&(serde_json::to_string_pretty(&report).context("writing the report")? + "\n"))?;
+        terminal::print_json(&(serde_json::to_string_pretty(&report).context("writing the report")? + "\n"))?;
     } else if !verbosity.quiet {
         print(&report)?;
     }

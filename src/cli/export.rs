@@ -31,8 +31,9 @@ pub struct Arguments {
     #[command(flatten)]
     exports: ExportOptions,
     /// Write every placed scan whole, moved into the frame of its component, with colour, intensity and
-    /// normals, into this folder. The files of the scans are read again, block by block where they are
-    /// binary PLY or PCD, LAS, LAZ or E57, else one at a time.
+    /// normals, into this folder. The files of the scans that poses.json names are read again (regular files
+    /// that end as those of scans), block by block where they are binary PLY or PCD, LAS, LAZ or E57, else
+    /// one at a time.
     #[arg(long, value_name = "DIR", requires = "format")]
     export_scans: Option<PathBuf>,
     /// Format of the scans: ply, pcd, las or laz (without normals), one file a scan; or e57, one file

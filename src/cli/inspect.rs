@@ -31,9 +31,9 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
         arguments.paths.iter().map(|p| inspect::inspect(p, &options)).collect::<scanweave::Result<_>>()?;
     let found = found.concat();
     if arguments.json {
-        terminal::print(&format!("{}\n", serde_json::to_string_pretty(&found)?))?;
+        terminal::print_json(&format!("{}\n", serde_json::to_string_pretty(&found)?))?;
     } else if !verbosity.quiet {
-        terminal::print(&inspect::text(&found, outcome::width()))?;
+        terminal::print_drawn(&inspect::text(&found, outcome::width()))?;
     }
     Ok(Status::Success)
 }

@@ -21,6 +21,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Status> {
     }
     let mut page = Vec::new();
     clap_mangen::Man::new(Cli::command()).render(&mut page)?;
-    terminal::print(&String::from_utf8_lossy(&page))?;
+    terminal::print_drawn(&String::from_utf8_lossy(&page))?;
     Ok(Status::Success)
 }

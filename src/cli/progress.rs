@@ -3,6 +3,7 @@
 use super::{Verbosity, interrupt};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use scanweave::Monitor;
+use scanweave::printable::printable;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -45,7 +46,7 @@ impl Monitor for Progress {
         if let Ok(style) = ProgressStyle::with_template(template) {
             bar.set_style(style.progress_chars("=> "));
         }
-        bar.set_prefix(stage.to_owned());
+        bar.set_prefix(printable(stage).into_owned());
         bar.enable_steady_tick(Duration::from_millis(200));
         if let Some((_, old)) = self.current().replace((stage.to_owned(), bar)) {
             old.finish_and_clear();
@@ -61,7 +62,7 @@ impl Monitor for Progress {
     fn note(&self, text: &str) {
         if let Some((stage, bar)) = self.current().as_ref() {
             tracing::debug!("{stage}: {text}");
-            bar.set_message(text.to_owned());
+            bar.set_message(printable(text).into_owned());
         }
     }
 

@@ -97,9 +97,9 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
     let written = folder.write(&scans, &run, &config, &arguments.exports, clock, &progress)?;
 
     if arguments.json {
-        terminal::print(&written.to_json(folder.path()))?;
+        terminal::print_json(&written.to_json(folder.path()))?;
     } else if !verbosity.quiet {
-        terminal::print(&outcome::table(&written.report))?;
+        terminal::print_drawn(&outcome::table(&written.report))?;
         terminal::print_line(&format!("written  {}", folder.path().display()))?;
     }
     Ok(outcome::status(&run.reconstruction))

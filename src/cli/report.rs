@@ -20,16 +20,20 @@ use scanweave::result::{merged, overlaps};
 use scanweave::scan::{PointCloud, Reconstruction, Scan, ScanId, Surface};
 use scanweave::{Error, Monitor, io};
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
+
+/// Names that a message lists.
+const FEW: usize = 5;
 
 /// Make report.html and registration.html of an existing result anew: files for any browser, without
 /// a network.
 ///
 /// `register` and `demo --output` write them too. report.html shows the scans; registration.html is
 /// for printing and signing. The points come from the scan files that
-/// poses.json names; --scans says where they are now. Where a file is gone, the page shows what the
-/// result's own merged clouds (merged.ply, merged_1.ply, ...) hold of its scan, and says so.
+/// poses.json names; --scans says where they are now. Only regular files that end as those of scans are
+/// read. Where a file is gone or another, the page shows what the result's own merged clouds (merged.ply,
+/// merged_1.ply, ...) hold of its scan, and says so.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Output folder of `register`.
@@ -110,7 +114,8 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     }
     if !verbosity.quiet {
         let (size, said) = (page.len() as f64 / 1e6, html::headline(&poses));
-        terminal::print_line(&format!("{said}\nwritten  {} ({size:.1} MB)", output.display()))?;
+        terminal::print_line(&said)?;
+        terminal::print_line(&format!("written  {} ({size:.1} MB)", output.display()))?;
     }
     Ok(Status::Success)
 }
@@ -148,11 +153,14 @@ fn clouds(
         }
         clouds.push(cloud.or(kept).unwrap_or_else(|| PointCloud::from_points(Vec::<Point>::new())));
     }
-    if let Some((first, _)) = gone.first() {
+    if !gone.is_empty() {
+        let names: Vec<&str> = gone.iter().take(FEW).map(|g| g.0).collect();
+        let more = if gone.len() > FEW { ", …" } else { "" };
         tracing::warn!(
-            "the files of {} scans are not where they were ({first}, …): the page shows what the merged \
+            "the files of {} scans are not where they were ({}{more}): the page shows what the merged \
              cloud holds of {} of them, and no points of the others; pass --scans with where they are now",
             gone.len(),
+            names.join(", "),
             gone.iter().filter(|g| g.1).count()
         );
     }
@@ -187,7 +195,15 @@ fn scans_of(
         monitor.check(STAGE)?;
         monitor.advance(1);
         let path = Path::new(file);
-        let scans = if path.exists() { io::read_file(path, options)?.scans } else { Vec::new() };
+        let scans = match io::check_named_scan(path) {
+            Ok(()) => io::read_file(path, options)?.scans,
+            Err(Error::Read { source, .. }) if source.kind() == ErrorKind::NotFound => Vec::new(),
+            // The result may come from somebody else: what it names need not be a scan.
+            Err(refusal) => {
+                tracing::warn!("not read: {refusal}");
+                Vec::new()
+            }
+        };
         let clouds: Vec<Option<PointCloud>> = scans.into_iter().map(|s| Some(s.cloud)).collect();
         Ok((file.to_string(), clouds))
     };

@@ -88,7 +88,7 @@ struct RunOptions {
     /// Folder for the run.
     #[arg(short, long, value_name = "DIR", required = true)]
     output: Option<PathBuf>,
-    /// Go on from the last checkpoint in the output folder.
+    /// Go on from the last checkpoint in the output folder; anew where the run had none yet.
     #[arg(long, conflicts_with = "force")]
     resume: bool,
     /// Replace the run that the output folder already holds.
@@ -135,13 +135,13 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
 
 fn train_head(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Result<Status> {
     let recipe = Recipe::load(options.config())?;
-    let _lock = open(options)?;
+    let (_lock, resume) = open(options)?;
     options.threads.start()?;
     let progress = Progress::start(verbosity)?;
     let cache = options.cache.clone().unwrap_or_else(|| options.output().join("cache"));
     let data = training::load(&recipe, options.data_root(), &FeatureSource::Cached(&cache), &progress)?;
     options.begin(&recipe.to_toml()?)?;
-    let report = train(&data, &recipe.train, options.output(), options.resume, &progress)?;
+    let report = train(&data, &recipe.train, options.output(), resume, &progress)?;
     if !verbosity.quiet {
         print(&report, recipe.train.recall_k)?;
     }
@@ -150,12 +150,12 @@ fn train_head(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Result<Sta
 
 fn train_descriptor(options: &RunOptions, verbosity: &Verbosity) -> anyhow::Result<Status> {
     let recipe = DescriptorRecipe::load(options.config())?;
-    let _lock = open(options)?;
+    let (_lock, resume) = open(options)?;
     options.threads.start()?;
     let progress = Progress::start(verbosity)?;
     let data = training::descriptor::load(&recipe, options.data_root(), &progress)?;
     options.begin(&recipe.to_toml()?)?;
-    let report = mini_spin_net::train(&data, &recipe.train, options.output(), options.resume, &progress)?;
+    let report = mini_spin_net::train(&data, &recipe.train, options.output(), resume, &progress)?;
     write_curves(&options.output().join(run_folder::CURVES), &report.records)?;
     if !verbosity.quiet {
         for record in report.records.iter().filter(|r| r.accuracy.is_some()) {
@@ -212,8 +212,9 @@ fn write_curves(path: &Path, records: &[mini_spin_net::Record]) -> Result<(), Er
     io::atomic::write(path, |out| out.write_all(chart::svg(&panels)?.as_bytes()))
 }
 
-/// Makes the folder and locks it, or refuses it before hours are spent on features.
-fn open(arguments: &RunOptions) -> Result<FolderLock, Error> {
+/// Makes the folder and locks it, or refuses it before hours are spent on features; and whether there is a
+/// checkpoint to go on from.
+fn open(arguments: &RunOptions) -> Result<(FolderLock, bool), Error> {
     let folder = arguments.output();
     let lock = FolderLock::take(folder)?;
     let held = [run_folder::BEST, run_folder::LAST].iter().any(|name| folder.join(name).exists());
@@ -221,15 +222,20 @@ fn open(arguments: &RunOptions) -> Result<FolderLock, Error> {
         return Err(Error::OutputExists { path: folder.to_path_buf() });
     }
     let last = folder.join(run_folder::LAST);
-    if arguments.resume && !last.exists() {
-        return Err(Error::file(
-            last,
-            "no such file",
-            "the checkpoint of a run to go on from",
-            "name the folder of that run, or start one without --resume",
-        ));
+    let resume = arguments.resume && last.exists();
+    if arguments.resume && !resume {
+        // A folder without any checkpoint is that of a run which was stopped before its first.
+        if held || !folder.is_dir() {
+            return Err(Error::file(
+                last,
+                "no such file",
+                "the checkpoint of a run to go on from",
+                "name the folder of that run, or start one without --resume (with --force where one is held)",
+            ));
+        }
+        tracing::warn!("{}: no checkpoint to go on from: the run starts anew", folder.display());
     }
-    Ok(lock)
+    Ok((lock, resume))
 }
 
 fn remove_old_run(folder: &Path) -> Result<(), Error> {

@@ -67,7 +67,16 @@ impl SceneEstimate {
         let beside = ["json", "log", "txt", "tum"].map(|e| results.join(format!("{scene}.{e}")));
         let mut places: Vec<PathBuf> = inside.iter().map(|n| results.join(scene).join(n)).collect();
         places.extend(beside);
-        places.into_iter().find(|p| p.is_file()).ok_or_else(|| {
+        let found = places.into_iter().find(|p| p.is_file());
+        if let Some(other) = unfinished(&results.join(scene)).filter(|_| found.is_some()) {
+            return Err(Error::file(
+                results.join(scene),
+                format!("{other} of `register` without poses.json, which is written last"),
+                "a finished registration, or a trajectory of another method in a folder of its own",
+                "register the scene again, or move the trajectory",
+            ));
+        }
+        found.ok_or_else(|| {
             Error::file(
                 results.join(scene),
                 "no estimated poses",
@@ -166,5 +175,34 @@ impl SceneEstimate {
         let missing = |p: &Option<_>| p.is_none().then(|| "no pose in the trajectory".to_owned());
         let reasons = poses.iter().map(missing).collect();
         Ok(Self { poses, reasons })
+    }
+}
+
+/// A file that `register` writes beside a trajectory, in a folder without the poses.json that would come
+/// last: the run was stopped, or the folder is only a part of a result.
+fn unfinished(folder: &Path) -> Option<&'static str> {
+    let written = ["merged.ply", "overlap.csv", "report.json", "report.html"];
+    if folder.join("poses.json").exists() {
+        return None;
+    }
+    written.into_iter().find(|name| folder.join(name).exists())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_registration_that_was_stopped_is_no_result() {
+        let place = tempfile::tempdir().unwrap();
+        let scene = place.path().join("hall");
+        std::fs::create_dir(&scene).unwrap();
+        std::fs::write(scene.join("trajectory.log"), "").unwrap();
+        assert_eq!(SceneEstimate::file(place.path(), "hall").unwrap(), scene.join("trajectory.log"));
+        std::fs::write(scene.join("merged.ply"), "").unwrap();
+        let message = SceneEstimate::file(place.path(), "hall").unwrap_err().to_string();
+        assert!(message.contains("hall: found merged.ply") && message.contains("poses.json"), "{message}");
+        std::fs::write(scene.join("poses.json"), "{}").unwrap();
+        assert_eq!(SceneEstimate::file(place.path(), "hall").unwrap(), scene.join("poses.json"));
     }
 }

@@ -1,5 +1,7 @@
 //! HTML from templates and text.
 
+use crate::printable::printable_lines;
+
 /// A template with the values in the place of its marks `<!--name-->`, which stand in the same
 /// order. A mark is looked for in the template only, never in a value.
 pub(super) fn filled(template: &str, values: &[(&str, &str)]) -> String {
@@ -15,10 +17,10 @@ pub(super) fn filled(template: &str, values: &[(&str, &str)]) -> String {
     page + rest
 }
 
-/// Text as the content of an HTML element or a quoted attribute.
+/// Text as the content of an HTML element or a quoted attribute, made printable.
 pub(super) fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
+    for c in printable_lines(text).chars() {
         match c {
             '&' => out.push_str("&amp;"),
             '<' => out.push_str("&lt;"),
@@ -39,6 +41,7 @@ mod tests {
     fn values_are_put_in_once_and_marks_in_them_stay_text() {
         let page = filled("a<!--x-->b<!--y-->c", &[("x", "<!--y-->"), ("y", "2")]);
         assert_eq!(page, "a<!--y-->b2c");
+        assert_eq!(escaped("a\u{202e}b\n"), "a\\u{202e}b\n");
         assert_eq!(escaped("<a b=\"'\">&amp;"), "&lt;a b=&quot;&#39;&quot;&gt;&amp;amp;");
     }
 }

@@ -1,5 +1,6 @@
 //! The summary a person reads.
 
+use crate::printable::printable;
 use crate::result::run::{Row, RunReport};
 use crate::scan::Doubt;
 use comfy_table::{Attribute, Cell, CellAlignment, ContentArrangement, Table};
@@ -43,14 +44,17 @@ pub fn summary(report: &RunReport, width: Option<u16>) -> String {
     write!(
         text,
         "\nscale    {}\noverlap  {}\ntime     {:.1} s (",
-        report.scale, report.overlap_head, report.total_seconds
+        report.scale,
+        printable(&report.overlap_head),
+        report.total_seconds
     )
     .ok();
     let stages: Vec<String> =
-        report.timings.iter().map(|t| format!("{} {:.1}", t.stage, t.seconds)).collect();
+        report.timings.iter().map(|t| format!("{} {:.1}", printable(&t.stage), t.seconds)).collect();
     write!(text, "{}), {} thread{}", stages.join(", "), report.threads, plural(report.threads)).ok();
     if let (Some(registered), Some(edges)) = (report.registered_pairs, report.edges) {
-        write!(text, "\npairs    {registered} registered, {edges} kept for {}", report.method).ok();
+        write!(text, "\npairs    {registered} registered, {edges} kept for {}", printable(&report.method))
+            .ok();
     }
     let reused = report.sizes.iter().filter(|s| s.features_reused).count();
     if reused > 0 {
@@ -67,7 +71,8 @@ pub fn summary(report: &RunReport, width: Option<u16>) -> String {
 fn named(names: &[&str]) -> String {
     const FEW: usize = 5;
     let first = names[..names.len().min(FEW)].join(", ");
-    if names.len() > FEW { format!("{first} and {} more", names.len() - FEW) } else { first }
+    let first = printable(&first);
+    if names.len() > FEW { format!("{first} and {} more", names.len() - FEW) } else { first.into_owned() }
 }
 
 fn scans_table(rows: &[Row], width: Option<u16>) -> String {
@@ -121,7 +126,7 @@ fn share(value: Option<f64>) -> String {
     value.map(|v| format!("{v:.2}")).unwrap_or_default()
 }
 
-/// A table of columns, each a head and its cells; all but those of text are aligned right.
+/// A table of columns, each a head and its cells, which are made printable here; all but those of text are aligned right.
 pub(super) fn drawn(columns: &[(&str, Vec<String>)], width: Option<u16>) -> String {
     const TEXT: [&str; 8] = ["scan", "outcome", "parent", "reason", "truth", "file", "tensor", "type"];
     let mut table = Table::new();
@@ -131,7 +136,7 @@ pub(super) fn drawn(columns: &[(&str, Vec<String>)], width: Option<u16>) -> Stri
     }
     table.set_header(columns.iter().map(|(head, _)| Cell::new(head).add_attribute(Attribute::Bold)));
     for row in 0..columns.first().map_or(0, |c| c.1.len()) {
-        table.add_row(columns.iter().map(|(_, cells)| cells[row].as_str()));
+        table.add_row(columns.iter().map(|(_, cells)| printable(&cells[row])));
     }
     for (i, _) in columns.iter().enumerate().filter(|(_, c)| !TEXT.contains(&c.0)) {
         if let Some(column) = table.column_mut(i) {

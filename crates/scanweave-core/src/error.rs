@@ -3,7 +3,9 @@
 //! Every message names the file or setting it is about, what was found there,
 //! what was expected, and what to do next. The library returns errors and
 //! never prints them; the command line maps [`Error::kind`] to an exit code.
+//! Names and texts of files come from anywhere: a message shows them without control characters.
 
+use crate::printable::{printable, printable_path};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -15,7 +17,7 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 #[non_exhaustive]
 pub enum Error {
     /// The operating system refused to read a file or folder.
-    #[error("{}: cannot read it: {source}", path.display())]
+    #[error("{}: cannot read it: {}", printable_path(path), printable(&source.to_string()))]
     Read {
         /// The file or folder.
         path: PathBuf,
@@ -23,7 +25,11 @@ pub enum Error {
         source: io::Error,
     },
     /// The operating system refused to write a file or folder.
-    #[error("{}: cannot write it: {source}; check that the folder exists, is writable and has free space", path.display())]
+    #[error(
+        "{}: cannot write it: {}; check that the folder exists, is writable and has free space",
+        printable_path(path),
+        printable(&source.to_string())
+    )]
     Write {
         /// The file or folder.
         path: PathBuf,
@@ -31,7 +37,7 @@ pub enum Error {
         source: io::Error,
     },
     /// A file's content is not what its format or the method needs.
-    #[error("{}: found {found}, expected {expected}; {remedy}", path.display())]
+    #[error("{}: {}", printable_path(path), comparison(found, expected, remedy))]
     File {
         /// The file.
         path: PathBuf,
@@ -43,7 +49,7 @@ pub enum Error {
         remedy: String,
     },
     /// A file that is something else than a scan: a table, notes, a list of poses.
-    #[error("{}: found {found}, expected {expected}; {remedy}", path.display())]
+    #[error("{}: {}", printable_path(path), comparison(found, expected, remedy))]
     NotAScan {
         /// The file.
         path: PathBuf,
@@ -55,7 +61,7 @@ pub enum Error {
         remedy: String,
     },
     /// A setting (config key or flag) has an unusable value.
-    #[error("{key}: found {found}, expected {expected}; {remedy}")]
+    #[error("{}: {}", printable(key), comparison(found, expected, remedy))]
     Setting {
         /// Config key or flag, as the user writes it.
         key: String,
@@ -67,7 +73,7 @@ pub enum Error {
         remedy: String,
     },
     /// Input that is readable but cannot be worked with (too few scans, mismatched features, …).
-    #[error("{subject}: found {found}, expected {expected}; {remedy}")]
+    #[error("{}: {}", printable(subject), comparison(found, expected, remedy))]
     Input {
         /// The scan, set of scans, or argument.
         subject: String,
@@ -79,7 +85,10 @@ pub enum Error {
         remedy: String,
     },
     /// The output place is already taken.
-    #[error("{}: already holds a result; pass --force to replace it or choose another folder with --output", path.display())]
+    #[error(
+        "{}: already holds a result; pass --force to replace it or choose another folder with --output",
+        printable_path(path)
+    )]
     OutputExists {
         /// The output file or folder.
         path: PathBuf,
@@ -93,11 +102,16 @@ pub enum Error {
         owner: String,
     },
     /// The user asked to stop.
-    #[error("interrupted during {stage}; nothing half-written was left behind")]
+    #[error("interrupted during {}; nothing half-written was left behind", printable(stage))]
     Interrupted {
         /// The stage that was running.
         stage: String,
     },
+}
+
+/// The part of a message that is the same for files, settings and inputs.
+fn comparison(found: &str, expected: &str, remedy: &str) -> String {
+    format!("found {}, expected {}; {}", printable(found), printable(expected), printable(remedy))
 }
 
 /// Coarse class of an [`Error`], for exit codes.

@@ -37,6 +37,7 @@ pub mod output_folder;
 mod owner;
 pub mod pipeline;
 pub mod preprocessing;
+pub mod printable;
 pub mod random;
 mod register;
 pub mod registration;

@@ -4,6 +4,7 @@ use super::points::{MOST_POINTS, Packed, PointSource, choose};
 use super::{Input, agreement, wording};
 use crate::evaluation::pose_error::PoseError;
 use crate::geometry::RigidMotion;
+use crate::printable::{printable, printable_lines};
 use crate::result::poses::{Component, Entry, EntryOutcome, Pose};
 use crate::result::run::{ScanSize, StageTime};
 use crate::scan::WorkingScale;
@@ -12,32 +13,33 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use nalgebra::Matrix4;
 use serde::Serialize;
+use std::borrow::Cow;
 
 /// Everything a page shows.
 #[derive(Debug, Serialize)]
 pub(super) struct Data<'a> {
-    generator: &'a str,
+    generator: Cow<'a, str>,
     headline: &'a str,
     components: &'a [Component],
     scans: Vec<ScanData<'a>>,
     /// `[N,N]` 8-bit predicted overlap, 255 for 1; base64.
     similarity: Option<String>,
     scale: WorkingScale,
-    method: &'a str,
-    preset: &'a str,
+    method: Cow<'a, str>,
+    preset: Cow<'a, str>,
     seed: u64,
     threads: usize,
-    overlap_head: &'a str,
+    overlap_head: Cow<'a, str>,
     timings: &'a [StageTime],
     total_seconds: f64,
     peak_memory_bytes: Option<u64>,
-    config: &'a str,
+    config: Cow<'a, str>,
 }
 
 #[derive(Debug, Serialize)]
 struct ScanData<'a> {
-    name: &'a str,
-    file: Option<&'a str>,
+    name: Cow<'a, str>,
+    file: Option<Cow<'a, str>>,
     /// Null for a scan that was left out.
     placed: Option<PlacedData<'a>>,
     /// Null for a placed scan.
@@ -95,7 +97,7 @@ impl UncertaintyData {
 #[derive(Debug, Serialize)]
 struct LeftOutData<'a> {
     plain: String,
-    exact: &'a str,
+    exact: Cow<'a, str>,
 }
 
 impl<'a> Data<'a> {
@@ -110,8 +112,8 @@ impl<'a> Data<'a> {
         let surfaces = (input.surfaces, input.frames, local_from_points.as_slice());
         let residuals = agreement::residuals(input.poses, surfaces, &shown, run.scale.inlier_radius_m as f32);
         let scans = input.poses.scans.iter().enumerate().map(|(i, entry)| ScanData {
-            name: &entry.name,
-            file: entry.file.as_deref(),
+            name: printable(&entry.name),
+            file: entry.file.as_deref().map(printable),
             placed: placed(entry, input),
             left_out: left_out(entry),
             size: run.sizes.get(i),
@@ -121,21 +123,21 @@ impl<'a> Data<'a> {
             points: Packed::new(&shown[i], residuals[i].as_deref()),
         });
         Self {
-            generator: &input.poses.generator,
+            generator: printable(&input.poses.generator),
             headline,
             components: &input.poses.components,
             scans: scans.collect(),
             similarity: input.similarity.map(packed),
             scale: run.scale,
-            method: &run.method,
-            preset: &run.preset,
+            method: printable(&run.method),
+            preset: printable(&run.preset),
             seed: run.seed,
             threads: run.threads,
-            overlap_head: &run.overlap_head,
+            overlap_head: printable(&run.overlap_head),
             timings: &run.timings,
             total_seconds: run.total_seconds,
             peak_memory_bytes: run.peak_memory_bytes,
-            config: input.config,
+            config: printable_lines(input.config),
         }
     }
 
@@ -186,7 +188,10 @@ fn placed<'a>(entry: &'a Entry, input: &Input<'_>) -> Option<PlacedData<'a>> {
 
 fn left_out(entry: &Entry) -> Option<LeftOutData<'_>> {
     let EntryOutcome::Declined { decline, explanation } = &entry.outcome else { return None };
-    Some(LeftOutData { plain: wording::plain(decline), exact: explanation })
+    Some(LeftOutData {
+        plain: printable(&wording::plain(decline)).into_owned(),
+        exact: printable(explanation),
+    })
 }
 
 fn packed(similarity: &SimilarityMatrix) -> String {

@@ -15,6 +15,7 @@ pub use wording::headline;
 use super::markup::{escaped, filled};
 use crate::evaluation::pose_error::PoseReport;
 use crate::geometry::RigidMotion;
+use crate::printable::printable_json;
 use crate::result::poses::Document;
 use crate::result::run::RunReport;
 use crate::scan::{PointCloud, SimilarityMatrix, Surface};
@@ -74,9 +75,9 @@ pub fn page(input: &Input<'_>) -> Result<String> {
 /// element or begin another. These characters occur only inside strings, where escapes mean the same.
 fn script_text(json: &str) -> String {
     let mut text = String::with_capacity(json.len() + json.len() / 64);
-    for c in json.chars() {
+    for c in printable_json(json).chars() {
         match c {
-            '<' | '>' | '&' | '\u{2028}' | '\u{2029}' => text.push_str(&format!("\\u{:04x}", c as u32)),
+            '<' | '>' | '&' => text.push_str(&format!("\\u{:04x}", c as u32)),
             c => text.push(c),
         }
     }

@@ -70,7 +70,7 @@ const HOSTILE: [&str; 4] = [
 ];
 
 #[test]
-fn hostile_names_stay_inside_the_json_and_come_back_unchanged() {
+fn hostile_names_stay_inside_the_json_and_come_back_printable() {
     let lost = || Outcome::Declined(DeclineReason::Degenerate { detail: HOSTILE[0].to_owned() });
     let document = named(&HOSTILE, vec![lost(), lost(), lost(), lost()]);
     let cloud = PointCloud::from_points(vec![Point::origin()]);
@@ -96,7 +96,8 @@ fn hostile_names_stay_inside_the_json_and_come_back_unchanged() {
     assert!(!json.contains(['<', '>', '&', '\u{2028}', '\n']), "{json}");
     let data: serde_json::Value = serde_json::from_str(json).unwrap();
     for (i, name) in HOSTILE.iter().enumerate() {
-        assert_eq!(data["scans"][i]["name"], *name);
+        let shown = name.replace('\n', "\\n").replace('\u{2028}', "\\u{2028}");
+        assert_eq!(data["scans"][i]["name"], shown);
     }
     assert_eq!(data["config"], "a = \"</script>\"");
     assert!(data["scans"][0]["left_out"]["plain"].as_str().unwrap().contains(HOSTILE[0]));

@@ -224,7 +224,7 @@ fn files(folder: &Path) -> Result<Vec<FileSize>> {
         let entry = entry.map_err(|e| Error::read(folder, e))?;
         let about = entry.metadata().map_err(|e| Error::read(entry.path(), e))?;
         if about.is_file() {
-            let name = entry.file_name().to_string_lossy().replace(char::is_control, "\u{fffd}");
+            let name = entry.file_name().to_string_lossy().into_owned();
             found.push(FileSize { name, bytes: about.len() });
         }
     }

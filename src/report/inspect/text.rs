@@ -3,6 +3,7 @@
 use super::content::{FeatureContent, ResultContent, ScanContent};
 use super::tensors::CheckpointContent;
 use super::{Content, Finding};
+use crate::printable::{printable, printable_path};
 use crate::report::table::{drawn, length};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -27,7 +28,7 @@ pub fn text(findings: &[Finding], width: Option<u16>) -> String {
                 1 => String::new(),
                 n => format!(" and {} more", n - 1),
             };
-            parts.push(format!("{}{more}: {note}\n", shown(findings[0])));
+            parts.push(format!("{}{more}: {}\n", shown(findings[0]), printable(note)));
         }
     }
     let features: Vec<(&Finding, &FeatureContent)> = findings
@@ -95,7 +96,7 @@ fn checkpoint(finding: &Finding, content: &CheckpointContent, width: Option<u16>
     let number = |v: Option<f64>| v.map(|v| format!("{v:.4}")).unwrap_or_default();
     let t = &content.tensors;
     let mut columns = vec![
-        ("tensor", column(t, |t| printable(&t.name))),
+        ("tensor", column(t, |t| t.name.clone())),
         ("type", column(t, |t| t.dtype.clone())),
         ("shape", column(t, |t| format!("{:?}", t.shape))),
         ("least", column(t, |t| number(t.range.map(|r| r[0].into())))),
@@ -119,23 +120,31 @@ fn result(finding: &Finding, content: &ResultContent, width: Option<u16>) -> Str
         line("residual", format!("{} on average", length(residual)));
     }
     if let Some(run) = &content.run {
-        line("made with", format!("preset {}, method {}, seed {}", run.preset, run.method, run.seed));
+        line(
+            "made with",
+            format!(
+                "preset {}, method {}, seed {}",
+                printable(&run.preset),
+                printable(&run.method),
+                run.seed
+            ),
+        );
         line("scale", run.scale.to_string());
-        line("overlap", printable(&run.overlap_head));
+        line("overlap", printable(&run.overlap_head).into_owned());
         line("time", format!("{:.1} s", run.total_seconds));
         if let Some(peak) = run.peak_memory_bytes {
             line("memory", format!("{} at most", bytes(peak)));
         }
     }
     for file in &content.files {
-        line(&bytes(file.bytes), printable(&file.name));
+        line(&bytes(file.bytes), printable(&file.name).into_owned());
     }
     if content.left_out.is_empty() {
         return out;
     }
     let lost = &content.left_out;
     let columns =
-        [("scan", column(lost, |l| printable(&l.scan))), ("reason", column(lost, |l| printable(&l.reason)))];
+        [("scan", column(lost, |l| l.scan.clone())), ("reason", column(lost, |l| l.reason.clone()))];
     out + "\n" + &drawn(&columns, width)
 }
 
@@ -151,18 +160,13 @@ fn flat(value: &Value) -> Vec<(String, String)> {
                 })
             })
             .collect(),
-        Value::String(text) => vec![(String::new(), printable(text))],
-        other => vec![(String::new(), printable(&other.to_string()))],
+        Value::String(text) => vec![(String::new(), printable(text).into_owned())],
+        other => vec![(String::new(), printable(&other.to_string()).into_owned())],
     }
 }
 
-/// Text from a file with what would upset a terminal replaced.
-fn printable(text: &str) -> String {
-    text.replace(char::is_control, "\u{fffd}")
-}
-
 fn shown(finding: &Finding) -> String {
-    let path = printable(&finding.path.to_string_lossy());
+    let path = printable_path(&finding.path);
     finding.part.map_or(path.clone(), |part| format!("{path}#{}", part + 1))
 }
 

@@ -181,6 +181,16 @@ impl<'a> Run<'a> {
             *parameter = value;
             state.moments.push((first, second));
         }
+        if meta.metrics.contains_key(BEST) {
+            let found = Checkpoint::load(&self.best)?.meta.recipe;
+            if settings_of(&found) != settings_of(&meta.recipe)
+                || found.get("data") != meta.recipe.get("data")
+            {
+                let found = "the best checkpoint of another run";
+                let remedy = "put that of this run back, or start the run anew with --force";
+                return Err(Error::file(&self.best, found, "that of the run to go on with", remedy));
+            }
+        }
         (self.state, self.metrics) = (state, meta.metrics);
         self.records = read_log(&self.folder.join(run_folder::METRICS), self.state.steps)?;
         Ok(())

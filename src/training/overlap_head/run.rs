@@ -118,6 +118,15 @@ impl<'a> Run<'a> {
         let Some(state) = checkpoint.optimizer else {
             return refuse("no optimiser state".into(), "a checkpoint to go on from", "start a new run");
         };
+        // Without validation every epoch is the best so far.
+        if data.valid.is_empty() || checkpoint.meta.metrics.contains_key(BEST) {
+            let found = Checkpoint::load_for(&best, &data.descriptor)?.meta;
+            if found.recipe != checkpoint.meta.recipe || found.data != checkpoint.meta.data {
+                let found = "the best checkpoint of another run";
+                let remedy = "put that of this run back, or start the run anew with --force";
+                return Err(Error::file(&best, found, "that of the run to go on with", remedy));
+            }
+        }
         Ok(Self {
             config,
             data,

@@ -6,11 +6,11 @@ use super::cloud::{Format, HEAD_BYTES, format_of};
 use super::scan_file::ReadOptions;
 use super::{e57, las, pcd, ply};
 use crate::error::{Error, Result};
+use crate::files;
 use crate::geometry::{Direction, RigidMotion};
 use crate::scan::PointCloud;
 use crate::scan::assemble::{NO_COLORS, assemble, choose_origin};
 use nalgebra::{Point3, Vector3};
-use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
@@ -57,7 +57,7 @@ impl PointBlocks for Held {
                 normals: cloud.normals.as_ref().map(|all| all[rows.clone()].to_vec()),
                 origin_m: cloud.origin_m,
                 viewpoint: None,
-                dropped_rows: 0,
+                ..PointCloud::default()
             })?;
         }
         Ok(())
@@ -107,7 +107,7 @@ pub(crate) fn open_blocks(
 ) -> Result<Option<Box<dyn PointBlocks>>> {
     let refused = |e| Error::read(path, e);
     let mut head = Vec::new();
-    File::open(path).map_err(refused)?.take(HEAD_BYTES).read_to_end(&mut head).map_err(refused)?;
+    files::open(path)?.take(HEAD_BYTES).read_to_end(&mut head).map_err(refused)?;
     let Ok(format) = format_of(path, path, &head) else { return Ok(None) };
     let blocks = match format {
         Format::E57 => e57::blocks::open(path, part, options)?,

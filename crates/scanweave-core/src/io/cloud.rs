@@ -7,6 +7,7 @@ use super::unpack_limit::UnpackLimit;
 use super::{bin, depth, e57, las, mesh, npy, npz, pcd, ply, ptx, text};
 use crate::error::{Error, Result};
 use crate::files;
+use crate::printable::printable;
 use crate::scan::PointCloud;
 use std::fs::File;
 use std::io::{BufReader, Cursor, Read, Seek};
@@ -155,7 +156,8 @@ pub(super) fn format_of(path: &Path, name: &Path, head: &[u8]) -> Result<Format>
         _ if is_text && plain => return Ok(Format::Text),
         _ => {}
     }
-    let start: String = String::from_utf8_lossy(&head[..head.len().min(12)]).escape_debug().collect();
+    let start = String::from_utf8_lossy(&head[..head.len().min(12)]);
+    let start = printable(&start);
     let found = format!("a file that begins with '{start}'");
     let (expected, remedy) = if is_text {
         ("lines of numbers".to_owned(), "name the file after its real format")

@@ -10,7 +10,7 @@ use crate::files;
 use crate::geometry::{Direction, Point};
 use crate::scan::{Descriptors, Features, PointCloud};
 use nalgebra::Vector3;
-use ndarray::Array2;
+use ndarray::{Array1, Array2};
 use ndarray_npy::NpzWriter;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -24,10 +24,41 @@ use std::path::{Path, PathBuf};
 /// [`Error::Read`]; [`Error::File`] for a missing array, a wrong shape, lengths that disagree
 /// or a number that is not finite.
 pub fn read_npz(path: impl AsRef<Path>) -> Result<Features> {
-    let path = path.as_ref();
+    read_archive(path.as_ref(), None)
+}
+
+/// What an entry of a cache belongs to: a digest of everything that its features depend on.
+pub(crate) type CacheKey = [u8; 32];
+const CACHE_KEY: &str = "key";
+
+/// [`read_npz`] of an entry of a cache, which holds the `key` that it was written with.
+///
+/// # Errors
+/// As [`read_npz`], and [`Error::File`] for the features of another scan or of other settings.
+pub(crate) fn read_cached(path: &Path, key: &CacheKey) -> Result<Features> {
+    read_archive(path, Some(key))
+}
+
+/// Writes what [`read_cached`] reads.
+///
+/// # Errors
+/// [`Error::Write`].
+pub(crate) fn write_cached(path: &Path, features: &Features, key: &CacheKey) -> Result<()> {
+    write_archive(path, features, Some(key))
+}
+
+fn read_archive(path: &Path, cache_key: Option<&CacheKey>) -> Result<Features> {
     let bytes = files::read(path)?;
     let mut archive = Archive::open(path, &bytes)?;
     let keys = archive.keys();
+    if let Some(key) = cache_key {
+        let stored = archive.array::<f32>(CACHE_KEY)?.map(|a| a.values).unwrap_or_default();
+        if !stored.iter().copied().eq(key.iter().copied().map(f32::from)) {
+            let found = "features of another scan, or with other settings";
+            let remedy = "leave the cache to the program; it is made again";
+            return Err(Error::file(path, found, "those that it is named for", remedy));
+        }
+    }
     let mut need = |key: &str| {
         archive.array::<f32>(key)?.ok_or_else(|| {
             let found = format!("arrays [{}]", keys.join(", "));
@@ -63,11 +94,15 @@ pub fn holds_features(path: impl AsRef<Path>) -> Result<bool> {
 /// # Errors
 /// [`Error::Write`].
 pub fn write_npz(path: impl AsRef<Path>, features: &Features) -> Result<()> {
+    write_archive(path.as_ref(), features, None)
+}
+
+fn write_archive(path: &Path, features: &Features, cache_key: Option<&CacheKey>) -> Result<()> {
     let triples = |rows: &mut dyn Iterator<Item = Vector3<f32>>| {
         let flat: Vec<f32> = rows.flat_map(|v| [v.x, v.y, v.z]).collect();
         Array2::from_shape_vec((flat.len() / 3, 3), flat).map_err(io::Error::other)
     };
-    atomic::write(path.as_ref(), |sink| {
+    atomic::write(path, |sink| {
         let mut npz = NpzWriter::new(sink);
         let shape = (features.len(), features.descriptors.dim());
         let values = features.descriptors.values().to_vec();
@@ -78,6 +113,9 @@ pub fn write_npz(path: impl AsRef<Path>, features: &Features) -> Result<()> {
         if let Some(normals) = &features.normals {
             let normals = triples(&mut normals.iter().copied())?;
             npz.add_array("normals", &normals).map_err(io::Error::other)?;
+        }
+        if let Some(key) = cache_key {
+            npz.add_array(CACHE_KEY, &Array1::from_iter(key.iter().copied())).map_err(io::Error::other)?;
         }
         npz.finish().map_err(io::Error::other)?;
         Ok(())

@@ -19,6 +19,7 @@ mod las;
 mod lzf;
 mod merged;
 mod mesh;
+mod named_file;
 mod npy;
 mod npy_header;
 mod npz;
@@ -53,6 +54,7 @@ pub use blocks::{BLOCK_POINTS, Held, PointBlocks, Summary, TakeBlock, move_block
 pub use cloud::{read_cloud, read_file};
 pub use discover::{Discovered, FoundFile, LeftOut, discover, discover_with, scan_files};
 pub use merged::{merged_run, read_merged};
+pub use named_file::check_named_scan;
 pub use overlaps::read_overlaps;
 pub use scan_file::{Note, ReadOptions, ScanFile, StoredScan, unit_m};
 pub use scans::{Inputs, read_inputs, read_scans, unique_names};

@@ -5,6 +5,7 @@ use super::discover;
 use super::scalar::counted;
 use super::unpack_limit::UnpackLimit;
 use crate::error::{Error, Result};
+use crate::printable::{printable, printable_path};
 use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
@@ -89,7 +90,7 @@ fn listed(unit: &str, names: &[impl AsRef<str>]) -> String {
     const SHOWN: usize = 5;
     let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();
     let more = if names.len() > SHOWN { ", …" } else { "" };
-    format!("{} ({}{more})", counted(names.len(), unit), shown.join(", ").escape_debug())
+    format!("{} ({}{more})", counted(names.len(), unit), printable(&shown.join(", ")))
 }
 
 /// All bytes of `content`, up to the limit: what an archive says of its sizes is not trusted. The format is looked at before the rest is
@@ -137,7 +138,7 @@ fn read_more(content: &mut impl Read, bytes: &mut Vec<u8>, most: u64) -> std::io
 
 /// Refuses a packed file in a packed file.
 pub(super) fn packed_twice(path: &Path, name: &Path) -> Error {
-    let found = format!("a packed file in it ('{}')", name.display().to_string().escape_debug());
+    let found = format!("a packed file in it ('{}')", printable_path(name));
     Error::file(path, found, "one scan, packed once", "unpack it and name the scan itself")
 }
 

@@ -11,6 +11,7 @@ use super::scanner::{drop_implausible_viewpoint, drop_poses_that_say_nothing};
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::geometry::rigid::motion_from_matrix;
+use crate::printable::printable_start;
 use crate::scan::PointCloud;
 use crate::scan::assemble::{Attributes, assemble_with};
 use nalgebra::Matrix4;
@@ -149,8 +150,7 @@ impl Header {
 fn bad_line(path: &Path, scan: usize, what: &str, line: Option<(usize, &str)>) -> Error {
     let found = match line {
         Some((number, text)) => {
-            let text: String = text.chars().take(80).collect();
-            format!("line {number} '{}' in scan {scan}", text.escape_debug())
+            format!("line {number} '{}' in scan {scan}", printable_start(text, 80))
         }
         None => format!("the end of the file in scan {scan}"),
     };

@@ -84,7 +84,15 @@ pub fn write_ply_blocks(
             let PointCloud { points, origin_m, normals, colors, intensities, .. } = &block;
             let (normals, colors) = (normals.as_deref(), colors.as_deref());
             let intensities = intensities.as_deref();
-            let block = PlyCloud { points, origin_m: *origin_m, normals, colors, intensities, scans: None, run: None };
+            let block = PlyCloud {
+                points,
+                origin_m: *origin_m,
+                normals,
+                colors,
+                intensities,
+                scans: None,
+                run: None,
+            };
             layout.rows(w, &block).map_err(|e| Error::write(path, e))
         };
         blocks.for_each(rows).map_err(wrapped)

@@ -4,13 +4,14 @@ use crate::config::Config;
 use crate::descriptor::Describer;
 use crate::error::{Error, Result};
 use crate::io;
+use crate::io::features::CacheKey;
 use crate::monitor::Monitor;
 use crate::scan::{Features, PointCloud, Scan, Surface, WorkingScale};
 use rayon::prelude::*;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Raised when cached features of an older version must not be used any more.
-const CACHE_VERSION: u32 = 2;
+const CACHE_VERSION: u32 = 3;
 const STAGE: &str = "features";
 
 /// Where features may come from.
@@ -61,7 +62,7 @@ pub(super) fn of_scans(
             let compute = || describer.describe(scan, surface, scale, config.seed);
             let result = match cache {
                 None => (compute()?, false),
-                Some(folder) => through_cache(&entry(folder, scan, scale, &describer, config.seed), compute)?,
+                Some(folder) => through_cache(folder, &key(scan, scale, &describer, config.seed), compute)?,
             };
             monitor.advance(1);
             Ok(result)
@@ -73,17 +74,25 @@ pub(super) fn of_scans(
 }
 
 /// The cached features, or computed ones that are then cached.
-fn through_cache(path: &Path, compute: impl FnOnce() -> Result<Features>) -> Result<(Features, bool)> {
+///
+/// An entry is named by its key, so that it never goes stale, and holds it, so that a file that was
+/// renamed or copied is not taken for another.
+fn through_cache(
+    folder: &Path,
+    key: &CacheKey,
+    compute: impl FnOnce() -> Result<Features>,
+) -> Result<(Features, bool)> {
+    let path = &folder.join(format!("{}.npz", &blake3::Hash::from(*key).to_hex()[..32]));
     if path.exists() {
-        match io::features::read_npz(path) {
+        match io::features::read_cached(path, key) {
             Ok(features) => return Ok((features, true)),
             Err(error) => tracing::warn!("computing again what the cache should hold: {error}"),
         }
     }
-    io::features::write_npz(path, &compute()?)?;
+    io::features::write_cached(path, &compute()?, key)?;
     // Reading normalises descriptors, which may change a last bit: only what was read back is
     // the same in this run and in the next.
-    Ok((io::features::read_npz(path)?, false))
+    Ok((io::features::read_cached(path, key)?, false))
 }
 
 /// Features of every scan that another program computed: `<folder>/<name of the scan>.npz`, or,
@@ -128,13 +137,13 @@ fn number_of(scan: &Scan) -> Result<usize> {
     })
 }
 
-/// File of a scan's features: named by everything they depend on, so that it never goes stale.
-fn entry(folder: &Path, scan: &Scan, scale: &WorkingScale, describer: &Describer, seed: u64) -> PathBuf {
+/// Digest of everything that the features of a scan depend on: its content and the settings.
+fn key(scan: &Scan, scale: &WorkingScale, describer: &Describer, seed: u64) -> CacheKey {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&CACHE_VERSION.to_le_bytes());
     hasher.update(describer.features_hash(scale, seed).as_bytes());
     hash_cloud(&mut hasher, &scan.cloud);
-    folder.join(format!("{}.npz", &hasher.finalize().to_hex()[..32]))
+    hasher.finalize().into()
 }
 
 /// The content of a cloud, whatever file format it came in.
@@ -146,5 +155,40 @@ fn hash_cloud(hasher: &mut blake3::Hasher, cloud: &PointCloud) {
         block.clear();
         block.extend(points.iter().flat_map(|p| p.coords.iter().flat_map(|v| v.to_le_bytes())));
         hasher.update(&block);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Point;
+    use crate::scan::Descriptors;
+
+    /// One keypoint at `x`.
+    fn features(x: f32) -> Features {
+        let descriptors = Descriptors::new(2, vec![0.6, 0.8]).unwrap();
+        Features::new(vec![Point::new(x, 0.0, 0.0)], None, descriptors).unwrap()
+    }
+
+    #[test]
+    fn entries_of_two_scans_that_are_swapped_are_made_again() {
+        let place = tempfile::tempdir().unwrap();
+        let keys: [CacheKey; 2] = [[1; 32], [2; 32]];
+        let get = |k: usize| {
+            through_cache(place.path(), &keys[k], || Ok(features(k as f32 + 1.0)))
+                .map(|(f, reused)| (f.keypoints[0].x, reused))
+                .unwrap()
+        };
+        assert_eq!([get(0), get(1)], [(1.0, false), (2.0, false)]);
+        assert_eq!([get(0), get(1)], [(1.0, true), (2.0, true)]);
+        let names = ["01", "02"].map(|byte| place.path().join(byte.repeat(16) + ".npz"));
+        let other = place.path().join("other");
+        std::fs::rename(&names[0], &other).unwrap();
+        std::fs::rename(&names[1], &names[0]).unwrap();
+        std::fs::rename(&other, &names[1]).unwrap();
+        assert_eq!([get(0), get(1)], [(1.0, false), (2.0, false)]);
+        // So is one without a key.
+        io::features::write_npz(&names[0], &features(7.0)).unwrap();
+        assert_eq!([get(0), get(1)], [(1.0, false), (2.0, true)]);
     }
 }

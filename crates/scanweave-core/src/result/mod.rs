@@ -1,5 +1,6 @@
 //! The files of a registration: poses, merged clouds, overlap, report.
 
+mod check;
 pub mod identity;
 pub mod merged;
 pub mod overlaps;

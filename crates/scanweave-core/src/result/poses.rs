@@ -1,5 +1,6 @@
 //! `poses.json`: the outcome on every scan, for other programs (docs/poses-json.md).
 
+use super::check;
 use super::identity::RunIdentity;
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
@@ -139,10 +140,11 @@ impl Document {
 }
 
 impl Document {
-    /// Reads a `poses.json`.
+    /// Reads a `poses.json` whose parts fit each other: every scan and component that is named is there.
     ///
     /// # Errors
-    /// [`Error::Read`], or [`Error::File`] when the file is of another kind or version.
+    /// [`Error::Read`], or [`Error::File`] when the file is of another kind or version, or a part of it
+    /// does not fit the others.
     pub fn load(path: &Path) -> Result<Self> {
         let text = crate::files::read_text(path)?;
         let expected = format!("{FORMAT} of version {VERSION}, as `scanweave register` writes it");
@@ -151,6 +153,10 @@ impl Document {
             .map_err(|e| Error::file(path, format!("text that does not fit ({e})"), &expected, remedy))?;
         if document.format != FORMAT || document.version != VERSION {
             let found = format!("{} of version {}", document.format, document.version);
+            return Err(Error::file(path, found, expected, remedy));
+        }
+        if let Some((found, expected)) = check::misfit(&document) {
+            let remedy = "take the file as it was written, or register the scans again";
             return Err(Error::file(path, found, expected, remedy));
         }
         Ok(document)
@@ -203,7 +209,7 @@ impl Pose {
 
     fn placement(&self, name: &str) -> Result<Placement> {
         let matrix = Matrix4::from_fn(|r, c| self.world_from_scan[r][c]);
-        let Some((world_from_scan, _)) = motion_from_matrix(&matrix, 1e-6) else {
+        let Some((world_from_scan, _)) = motion_from_matrix(&matrix, check::ORTHONORMAL) else {
             return Err(Error::input(
                 format!("world_from_scan of {name}"),
                 "a matrix that is no rigid motion",

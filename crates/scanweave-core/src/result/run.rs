@@ -126,13 +126,35 @@ impl RunReport {
     /// Reads a `report.json`.
     ///
     /// # Errors
-    /// [`Error::Read`], or [`Error::File`] when the file is no such report.
+    /// [`Error::Read`], or [`Error::File`] when the file is no such report, or its counts disagree.
     pub fn load(path: &Path) -> Result<Self> {
         let text = crate::files::read_text(path)?;
-        serde_json::from_str(&text).map_err(|e| {
+        let remedy = "name the output folder of a finished registration, or register again";
+        let report: Self = serde_json::from_str(&text).map_err(|e| {
             let expected = "a report as `scanweave register` writes it";
-            let remedy = "name the output folder of a finished registration, or register again";
             Error::file(path, format!("text that does not fit ({e})"), expected, remedy)
+        })?;
+        match report.wrong_count() {
+            None => Ok(report),
+            Some((found, expected)) => Err(Error::file(path, found, expected, remedy)),
+        }
+    }
+
+    /// The first count that the lists do not bear out, and what they say.
+    fn wrong_count(&self) -> Option<(String, String)> {
+        let scans = self.evidence.len();
+        let placed = self.evidence.iter().filter(|row| row.component.is_some()).count();
+        let highest = self.evidence.iter().filter_map(|row| row.component).max();
+        [
+            ("sizes", self.sizes.len(), scans),
+            ("placed scans", self.placed, placed),
+            ("declined scans", self.declined, scans - placed),
+            ("components", self.components, highest.map_or(0, |c| c.saturating_add(1))),
+        ]
+        .into_iter()
+        .find(|(_, stated, listed)| stated != listed)
+        .map(|(what, stated, listed)| {
+            (format!("{stated} {what}"), format!("{listed}, as the rows of its evidence have it"))
         })
     }
 }
@@ -193,4 +215,77 @@ pub fn peak_memory_bytes() -> Option<u64> {
 pub fn reset_peak_memory() -> bool {
     // Linux: "5" resets the peak resident set size (proc(5), /proc/pid/clear_refs).
     std::fs::write("/proc/self/clear_refs", "5").is_ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn counts_that_disagree_with_the_rows_are_refused() {
+        let row = |component: Option<usize>| Row {
+            scan: "a".to_owned(),
+            outcome: "placed".to_owned(),
+            component,
+            step: None,
+            parent: None,
+            matches: None,
+            inliers: None,
+            inlier_ratio: None,
+            overlap: None,
+            residual_m: None,
+            probability: None,
+            doubts: Vec::new(),
+            reason: None,
+        };
+        let size = ScanSize {
+            points: 1,
+            dropped_rows: 0,
+            stray_points: 0,
+            surface_points: 1,
+            keypoints: 1,
+            features_reused: false,
+        };
+        let report = RunReport {
+            generator: String::new(),
+            run_id: None,
+            seed: 0,
+            preset: String::new(),
+            threads: 1,
+            scale: WorkingScale::from_voxel(0.1),
+            overlap_head: String::new(),
+            method: String::new(),
+            registered_pairs: None,
+            pair_seconds: None,
+            edges: None,
+            placed: 2,
+            declined: 1,
+            components: 2,
+            evidence: vec![row(Some(0)), row(Some(1)), row(None)],
+            sizes: vec![size; 3],
+            timings: Vec::new(),
+            total_seconds: 0.0,
+            peak_memory_bytes: None,
+        };
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("report.json");
+        let read = |json: &serde_json::Value| {
+            std::fs::write(&path, json.to_string()).unwrap();
+            RunReport::load(&path).map_err(|e| e.to_string())
+        };
+        let whole = serde_json::to_value(&report).unwrap();
+        assert_eq!(read(&whole).unwrap(), report);
+        for (key, value, said) in [
+            ("placed", json!(3), "found 3 placed scans, expected 2"),
+            ("declined", json!(0), "found 0 declined scans, expected 1"),
+            ("components", json!(1), "found 1 components, expected 2"),
+            ("sizes", json!([]), "found 0 sizes, expected 3"),
+        ] {
+            let mut wrong = whole.clone();
+            wrong[key] = value;
+            let message = read(&wrong).unwrap_err();
+            assert!(message.contains(said) && message.contains("report.json"), "{message}");
+        }
+    }
 }

@@ -1,7 +1,8 @@
 //! Points of a scan of an E57 file, block by block.
 
 use super::{check, damaged, each_block, place_sensor};
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::files;
 use crate::io::blocks::{BLOCK_POINTS, PointBlocks, TakeBlock};
 use crate::io::scan_file::ReadOptions;
 use crate::io::scanner::drop_implausible_viewpoint;
@@ -24,7 +25,7 @@ pub(in crate::io) fn open(
     part: usize,
     options: &ReadOptions,
 ) -> Result<Option<Box<dyn PointBlocks>>> {
-    let file = BufReader::new(File::open(path).map_err(|e| Error::read(path, e))?);
+    let file = BufReader::new(files::open(path)?);
     let reader = E57Reader::new(file).map_err(|e| damaged(path, &e))?;
     let Some(scan) = reader.pointclouds().into_iter().nth(part) else { return Ok(None) };
     check(path, part, &scan)?;

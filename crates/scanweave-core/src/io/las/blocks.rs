@@ -2,10 +2,10 @@
 
 use super::sizes::{PointsOf, end_of_points};
 use super::{Columns, damaged, each_chunk};
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::files;
 use crate::io::blocks::{PointBlocks, TakeBlock};
 use crate::io::scan_file::ReadOptions;
-use std::fs::File;
 use std::io::BufReader;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -36,8 +36,8 @@ fn each_columns(
     options: &ReadOptions,
     take: &mut dyn FnMut(&::las::Header, Columns) -> Result<bool>,
 ) -> Result<()> {
-    let mut file = BufReader::new(File::open(path).map_err(|e| Error::read(path, e))?);
-    let end = end_of_points(path, &mut file)?;
+    let mut file = BufReader::new(files::open(path)?);
+    let end = end_of_points(path, &mut file, options)?;
     let file = PointsOf::new(file, end);
     let read = || {
         let mut reader = ::las::Reader::new(file).map_err(|e| damaged(path, &e))?;

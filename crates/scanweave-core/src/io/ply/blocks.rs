@@ -3,6 +3,7 @@
 use super::header::{Element, Encoding};
 use super::{Fields, binary, find_fields, parse, scalar_of};
 use crate::error::{Error, Result};
+use crate::files;
 use crate::io::blocks::{BLOCK_POINTS, PointBlocks, TakeBlock};
 use crate::io::scalar::{Endian, Scalar};
 use crate::io::scan_file::ReadOptions;
@@ -32,7 +33,7 @@ struct Rows {
 /// file as its header says, or have colours whose range only all of them tell.
 pub(in crate::io) fn open(path: &Path, options: &ReadOptions) -> Result<Option<Box<dyn PointBlocks>>> {
     let refused = |e| Error::read(path, e);
-    let mut file = File::open(path).map_err(refused)?;
+    let mut file = files::open(path)?;
     let size = file.metadata().map_err(refused)?.len();
     let mut head = Vec::new();
     file.by_ref().take(HEADER_BYTES).read_to_end(&mut head).map_err(refused)?;

@@ -2,10 +2,10 @@
 
 use super::head::Head;
 use super::names::Name;
-use super::printable;
 use crate::error::{Error, Result};
 use crate::io::scalar::counted;
 use crate::io::scan_file::{Note, ReadOptions};
+use crate::printable::printable_start;
 use std::path::Path;
 
 /// The columns that are read, from zero.
@@ -145,7 +145,7 @@ impl Columns {
 
     fn sentence(&self, head: &Head, colored: bool) -> String {
         let name = |c: usize| match head.names.get(c) {
-            Some(name) if !name.text.is_empty() => printable(&name.text, 40),
+            Some(name) if !name.text.is_empty() => printable_start(&name.text, 40),
             _ => format!("column {}", c + 1),
         };
         let list = |columns: &[usize]| columns.iter().map(|&c| name(c)).collect::<Vec<_>>().join(", ");

@@ -2,9 +2,9 @@
 
 use super::grammar::{Grammar, Separator};
 use super::names::{Meaning, Meaningless, Name, meaning};
-use super::printable;
 use crate::error::{Error, Result};
 use crate::io::scalar::counted;
+use crate::printable::printable_start;
 use std::path::Path;
 
 /// Lines that are looked at to tell a scan from another table.
@@ -251,7 +251,7 @@ fn fits(names: &[Name], first: &[&str], grammar: &Grammar) -> bool {
 }
 
 fn refusal(path: &Path, names: &[Name], why: &Meaningless) -> Error {
-    let list: Vec<String> = names.iter().take(12).map(|n| printable(&n.text, 24)).collect();
+    let list: Vec<String> = names.iter().take(12).map(|n| printable_start(&n.text, 24)).collect();
     let more = if names.len() > 12 { ", …" } else { "" };
     let columns = format!("columns [{}{more}]", list.join(", "));
     let expected = "columns named x, y and z";
@@ -282,7 +282,7 @@ fn refusal(path: &Path, names: &[Name], why: &Meaningless) -> Error {
 
 /// A line that should be a row and is none.
 pub(super) fn bad_row(path: &Path, number: usize, line: &str, expected: &str) -> Error {
-    let found = format!("line {number} '{}'", printable(line.trim_ascii(), 80));
+    let found = format!("line {number} '{}'", printable_start(line.trim_ascii(), 80));
     let remedy = "remove that line, start it with # if it is a comment, or export the scan again";
     Error::file(path, found, expected, remedy)
 }

@@ -117,13 +117,3 @@ fn scans(table: &Table, columns: &Columns, colors: Option<&[[u8; 3]]>) -> Vec<St
     };
     table.blocks.iter().map(one).collect()
 }
-
-/// Text of a file for a message: no control characters, and not too long.
-fn printable(text: &str, longest: usize) -> String {
-    let mut shown: String =
-        text.chars().take(longest).map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();
-    if text.chars().nth(longest).is_some() {
-        shown.push('…');
-    }
-    shown
-}

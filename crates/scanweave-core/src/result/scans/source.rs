@@ -29,6 +29,7 @@ impl Source {
         if !held {
             // Before the next is read, so that two are never held.
             self.current = None;
+            io::check_named_scan(&path)?;
             if let Some(blocks) = io::open_blocks(&path, part, &self.options)? {
                 return Ok(blocks);
             }
