@@ -158,7 +158,7 @@ fn shuffled(mut found: Vec<(Vec<Point3<f64>>, RigidMotion, usize)>, rng: &mut Ch
 mod tests {
     use super::*;
     use crate::Silent;
-    use crate::geometry::neighbours::RadiusGrid;
+    use crate::geometry::RadiusGrid;
 
     /// Share of the points of scan `b` within 5 cm of one of scan `a` at their true poses.
     fn overlap(set: &AdversarialSet, a: usize, b: usize) -> f64 {

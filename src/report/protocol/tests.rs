@@ -47,6 +47,7 @@ fn document(names: &[&str], outcomes: Vec<Outcome>) -> Document {
 fn run_report(document: &Document, seconds: f64) -> RunReport {
     RunReport {
         generator: document.generator.clone(),
+        run_id: None,
         seed: 42,
         preset: "default".to_owned(),
         threads: seconds as usize,
