@@ -211,7 +211,7 @@ fn a_result_whose_scans_are_gone_shows_its_merged_cloud_and_says_so() {
     let mut other = ply.clone();
     other[last..].copy_from_slice(&3i32.to_le_bytes());
     std::fs::write(result.join("merged.ply"), other).unwrap();
-    report(&result).assert().code(3).stderr(contains("merged.ply").and(contains("scan 3")));
+    report(&result).assert().code(3).stderr(contains("merged.ply").and(contains("different runs")));
     assert_eq!(data(&page), after);
     std::fs::remove_file(result.join("merged.ply")).unwrap();
     report(&result).assert().success().stderr(contains("of 0 of them"));

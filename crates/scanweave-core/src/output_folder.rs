@@ -59,11 +59,13 @@ impl FolderLock {
         let mut lock = Self { folder: folder.to_path_buf(), file: None, shared, made };
         for _ in 0..ATTEMPTS {
             fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
-            if let Some(file) = lock.attempt()? {
-                lock.file = Some(file);
-                sweep(folder);
-                return Ok(lock);
-            }
+            let Some(mut file) = lock.attempt()? else { continue };
+            let stated = state(&mut file);
+            // Held from here on, so that it goes when it cannot say whose it is.
+            lock.file = Some(file);
+            stated.map_err(|e| Error::write(folder.join(LOCK_FILE), e))?;
+            sweep(folder);
+            return Ok(lock);
         }
         Err(Error::write(folder, io::Error::other("its lock is taken and released again and again")))
     }
@@ -76,15 +78,14 @@ impl FolderLock {
             // A link would have another file written over.
             return Err(refused(io::Error::other("there is something of that name that is no file")));
         }
-        let mut file =
-            match OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path) {
-                Ok(file) => file,
-                Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
-                Err(e) if e.kind() == io::ErrorKind::PermissionDenied && path.exists() => {
-                    return self.remove_if_stale(&path).map(|()| None);
-                }
-                Err(e) => return Err(Error::write(&self.folder, e)),
-            };
+        let file = match OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path) {
+            Ok(file) => file,
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(e) if e.kind() == io::ErrorKind::PermissionDenied && path.exists() => {
+                return self.remove_if_stale(&path).map(|()| None);
+            }
+            Err(e) => return Err(Error::write(&self.folder, e)),
+        };
         let locked = if self.shared { file.try_lock_shared() } else { file.try_lock() };
         match locked {
             Ok(()) if !is_at(&file, &path) => return Ok(None),
@@ -98,7 +99,6 @@ impl FolderLock {
                 tracing::warn!("{folder}: cannot be locked ({reason}): start no other run into it");
             }
         }
-        state(&mut file).map_err(refused)?;
         Ok(Some(file))
     }
 
