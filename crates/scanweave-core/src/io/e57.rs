@@ -1,7 +1,7 @@
 //! E57 (terrestrial laser scans).
 
 use super::scan_file::{Note, ReadOptions, ScanFile, StoredScan};
-use super::scanner::{drop_implausible_viewpoint, drop_poses_that_say_nothing};
+use super::scanner::{drop_implausible_viewpoint, drop_poses_that_say_nothing, without_zeros};
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::scan::assemble::{Attributes, assemble_with};
@@ -14,7 +14,8 @@ use std::path::Path;
 ///
 /// The standard puts the sensor at the zero of a scan, which is the viewpoint where the scan has a pose or
 /// spherical coordinates. Many exports have points in the coordinates of the file all the same: a zero far
-/// from the points is no viewpoint. Points that are marked as invalid are dropped and counted.
+/// from the points is no viewpoint. Points that are marked as invalid are dropped and counted, and so are
+/// those at zero (see [`without_zeros`]). A scan without points or coordinates beside others is an empty one.
 ///
 /// # Errors
 /// [`Error::File`] for a damaged file, and for one without a scan.
@@ -25,9 +26,17 @@ pub(super) fn read(path: &Path, file: impl Read + Seek, options: &ReadOptions) -
         let remedy = "export it with its point clouds";
         return Err(Error::file(path, "an E57 file without a scan", "at least one scan", remedy));
     }
+    if !stored.iter().any(has_coordinates) {
+        return Err(damaged(path, &"none of its scans has coordinates"));
+    }
     let mut read = ScanFile::default();
     let (mut strange_pose, mut far) = (false, false);
     for (index, scan) in stored.iter().enumerate() {
+        // Without a point there is no packet either, which the decoder takes for damage.
+        if scan.records == 0 || !has_coordinates(scan) {
+            read.scans.push(StoredScan::default());
+            continue;
+        }
         check(path, index, scan)?;
         let mut cloud = points(path, &mut reader, scan, options)?;
         far |= drop_implausible_viewpoint(&mut cloud);
@@ -53,18 +62,19 @@ fn damaged(path: &Path, why: &dyn std::fmt::Display) -> Error {
     Error::file(path, found, expected, "copy or export the file again")
 }
 
-/// Refuses a scan without coordinates, and one whose decoder would not end.
+fn has_coordinates(scan: &::e57::PointCloud) -> bool {
+    scan.has_cartesian() || scan.has_spherical()
+}
+
+/// Refuses a scan whose decoder would not end.
 fn check(path: &Path, index: usize, scan: &::e57::PointCloud) -> Result<()> {
-    if !(scan.has_cartesian() || scan.has_spherical()) {
-        return Err(damaged(path, &format!("scan {} has no coordinates", index + 1)));
-    }
     // A value that never changes takes no bytes. Where none does, nothing but the header says how many
     // points there are, and the decoder makes as many values as memory holds.
     let constant = |data_type: &RecordDataType| match data_type {
         RecordDataType::Integer { min, max } | RecordDataType::ScaledInteger { min, max, .. } => min == max,
         RecordDataType::Single { .. } | RecordDataType::Double { .. } => false,
     };
-    if scan.records > 0 && scan.prototype.iter().all(|record| constant(&record.data_type)) {
+    if scan.prototype.iter().all(|record| constant(&record.data_type)) {
         return Err(damaged(path, &format!("scan {} has points at one place only", index + 1)));
     }
     Ok(())
@@ -118,7 +128,7 @@ fn points<R: Read + Seek>(
         ..Attributes::default()
     };
     let viewpoint = (scan.transform.is_some() || scan.has_spherical()).then_some([0.0; 3]);
-    let mut cloud = assemble_with(xyz.len(), |i| xyz[i], &attributes, viewpoint);
+    let mut cloud = assemble_with(xyz.len(), without_zeros(xyz.len(), |i| xyz[i]), &attributes, viewpoint);
     cloud.dropped_rows += invalid;
     Ok(cloud)
 }

@@ -42,6 +42,13 @@ const LARGEST_FILE: u64 = 1 << 20;
 /// and 640×480 depth differ by 0.4 %.
 pub(super) const SAME_ASPECT: f64 = 0.01;
 
+/// Extension of the files of ARKitScenes, `width height fx fy cx cy`.
+pub(super) const SIZED_EXTENSION: &str = "pincam";
+/// The file of Stray Scanner, which is for its colour images: they are larger than its depth images.
+const OF_COLOR_IMAGES: &str = "camera_matrix.csv";
+/// Principal points of phones lie off the middle of the image by less than this share of its size.
+const OFF_MIDDLE: f64 = 0.03;
+
 const EXPECTED: &str = "'fx fy cx cy' or a 3x3 camera matrix 'fx 0 cx / 0 fy cy / 0 0 1', in pixels";
 const REMEDY: &str = "write the camera's intrinsics in one of these forms";
 
@@ -111,7 +118,8 @@ const DISTORTION: [&str; 11] = [
 /// Reads pinhole intrinsics.
 ///
 /// Plain numbers are `fx fy cx cy`, a 3×3 camera matrix or a 4×4 one (ScanNet), or `fx fy cx cy d0 …`
-/// with a distortion (TUM); commas and `#` comments are allowed. JSON is that of Open3D
+/// with a distortion (TUM), or `width height fx fy cx cy` (`.pincam` of ARKitScenes); commas and `#` comments are
+/// allowed. JSON is that of Open3D
 /// (`intrinsic_matrix`, by columns) or has `fx`, `fy`, `cx`, `cy`. YAML is that of a ROS `camera_info`
 /// or of ORB-SLAM, and `key = value` that of ScanNet.
 ///
@@ -139,9 +147,19 @@ pub(super) fn read_camera(path: &Path) -> Result<Camera> {
     }
     let bare = text.lines().flat_map(|l| words(l.split('#').next().unwrap_or("")));
     if let Some(numbers) = bare.map(parse_number).collect::<Option<Vec<f64>>>() {
-        let (intrinsics, distorted) = of_numbers(path, &numbers)?;
+        // Elsewhere six numbers may have the size first or last.
+        let sized = path.extension().is_some_and(|e| e == SIZED_EXTENSION);
+        let (size, numbers) = match numbers[..] {
+            [w, h, ref four @ ..]
+                if sized && four.len() == 4 && [w, h].iter().all(|v| *v >= 1.0 && v.fract() == 0.0) =>
+            {
+                (Some([w, h]), four)
+            }
+            _ => (None, &numbers[..]),
+        };
+        let (intrinsics, distorted) = of_numbers(path, numbers)?;
         let path = path.to_path_buf();
-        return Ok(Camera { path, intrinsics: Some(intrinsics), size: None, units_per_m: None, distorted });
+        return Ok(Camera { path, intrinsics: Some(intrinsics), size, units_per_m: None, distorted });
     }
     of_keys(path, &Keys::of_lines(text))
 }
@@ -242,8 +260,6 @@ fn of_matrix([fx, b, c, d, fy, f, g, h, i]: [f64; 9]) -> Result<Intrinsics, Stri
 impl Camera {
     /// The intrinsics for images of this size, and what is worth saying of them.
     ///
-    /// Pixel centres are at whole numbers, hence `cx' + ½ = s (cx + ½)` for images of `s` times the size.
-    ///
     /// # Errors
     /// [`Error::File`] where the file has none, or states a size of another shape.
     pub(super) fn for_images(&self, width: usize, height: usize) -> Result<(Intrinsics, Vec<Note>)> {
@@ -252,6 +268,15 @@ impl Camera {
             .ok_or_else(|| Error::file(&self.path, "a calibration without intrinsics", EXPECTED, REMEDY))?;
         let mut notes = Vec::new();
         let actual = [width as f64, height as f64];
+        let of_color = self.path.file_name().is_some_and(|name| name == OF_COLOR_IMAGES);
+        let guessed = of_color.then(|| larger_images(&k, actual)).flatten();
+        if let Some(times) = guessed {
+            k = scaled(&k, [times.recip(); 2]);
+            notes.push(Note::warning(format!(
+                "the principal point is that of images {times} times as large as depth images of \
+                 {width}x{height}, and the intrinsics are scaled: if they are of others, pass --intrinsics"
+            )));
+        }
         if let Some(stated) = self.size.filter(|s| *s != actual) {
             if !same_aspect(stated, actual) {
                 let found = format!("intrinsics for images of {}x{} pixels", stated[0], stated[1]);
@@ -259,9 +284,7 @@ impl Camera {
                 let remedy = "give the intrinsics of the depth camera with --intrinsics";
                 return Err(Error::file(&self.path, found, expected, remedy));
             }
-            let [sx, sy] = [actual[0] / stated[0], actual[1] / stated[1]];
-            let (cx, cy) = (sx * (k.cx + 0.5) - 0.5, sy * (k.cy + 0.5) - 0.5);
-            k = Intrinsics { fx: sx * k.fx, fy: sy * k.fy, cx, cy };
+            k = scaled(&k, [actual[0] / stated[0], actual[1] / stated[1]]);
             notes.push(Note::info(format!(
                 "intrinsics for {}x{} pixels are scaled to depth images of {width}x{height}",
                 stated[0], stated[1]
@@ -283,6 +306,23 @@ impl Camera {
         }
         Ok((k, notes))
     }
+}
+
+/// The intrinsics of images of `s` times the size.
+///
+/// Pixel centres are at whole numbers, hence `cx' + ½ = s (cx + ½)`.
+fn scaled(k: &Intrinsics, [sx, sy]: [f64; 2]) -> Intrinsics {
+    Intrinsics { fx: sx * k.fx, fy: sy * k.fy, cx: sx * (k.cx + 0.5) - 0.5, cy: sy * (k.cy + 0.5) - 0.5 }
+}
+
+/// How many times as large the images are that the intrinsics are for, in halves, where the principal point
+/// is too far out for depth images of this size and near the middle of larger ones of their shape.
+fn larger_images(k: &Intrinsics, size: [f64; 2]) -> Option<f64> {
+    let twice = [(2.0 * k.cx + 1.0) / size[0], (2.0 * k.cy + 1.0) / size[1]];
+    let halves = twice.map(|times| (2.0 * times).round() / 2.0);
+    let near = |at: usize| (twice[at] / halves[at] - 1.0).abs() < OFF_MIDDLE;
+    // Twice the middle is the far edge.
+    (k.cx > size[0] && k.cy > size[1] && halves[0] == halves[1] && near(0) && near(1)).then_some(halves[0])
 }
 
 /// Whether two sizes have the same shape but for rounding.

@@ -7,9 +7,10 @@ mod header;
 mod tests;
 
 use super::colors::channels_to_bytes;
-use super::fields::{INTENSITY, NORMAL, RGB, three, whole_number_note};
+use super::fields::{INTENSITY, NORMAL, Names, RGB, three, whole_number_note};
 use super::scalar::{Scalar, counted};
 use super::scan_file::{ReadOptions, ScanFile};
+use super::scanner::without_zeros;
 use super::vertices::Vertices;
 use crate::error::{Error, Result};
 use crate::scan::PointCloud;
@@ -20,9 +21,27 @@ use std::path::Path;
 struct Fields {
     xyz: [usize; 3],
     rgb: Option<[usize; 3]>,
+    /// How the colour is written.
+    color: Color,
     intensity: Option<usize>,
     normal: Option<[usize; 3]>,
+    /// Whether several rows at zero are directions without a return; else rows keep their places.
+    drop_zeros: bool,
 }
+
+/// How the numbers of a colour are to be taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Color {
+    /// Channels of this type.
+    Channels(Scalar),
+    /// The constant term of spherical harmonics, as the Gaussians of a radiance field have it.
+    Harmonics,
+}
+
+/// The constant spherical harmonic, 1 / (2 sqrt(pi)).
+const HARMONIC_0: f64 = 0.282_094_791_773_878_14;
+/// Names of the constant terms of the colour of Gaussians.
+const HARMONICS: [Names; 3] = [&["f_dc_0"], &["f_dc_1"], &["f_dc_2"]];
 
 /// Reads the points (and colours, where there are any) of a PLY file's `bytes`.
 ///
@@ -31,7 +50,7 @@ struct Fields {
 pub(super) fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<ScanFile> {
     let (header, vertex) = parse(path, bytes)?;
     let element = &header.elements[vertex];
-    let fields = find_fields(path, element, options.attributes)?;
+    let fields = Fields { drop_zeros: true, ..find_fields(path, element, options.attributes)? };
     let note = whole_number_note(fields.xyz.map(|i| scalar_of(element.properties[i].kind)), options);
     let file: ScanFile = read_fields(path, bytes, &header, vertex, &fields)?.into();
     Ok(match note {
@@ -62,7 +81,8 @@ pub(super) fn read_property(path: &Path, bytes: &[u8], name: &str) -> Result<Vec
     };
     // The value stands for all three coordinates of a cloud, whose first one is then read.
     let xyz = [scalar(&header.elements[vertex], &[name]).ok_or_else(missing)?; 3];
-    let fields = Fields { xyz, rgb: None, intensity: None, normal: None };
+    let color = Color::Channels(Scalar::U8);
+    let fields = Fields { xyz, rgb: None, color, intensity: None, normal: None, drop_zeros: false };
     let cloud = read_fields(path, bytes, &header, vertex, &fields)?;
     if cloud.dropped_rows > 0 {
         let found = format!("{} rows whose {name} is no finite number", cloud.dropped_rows);
@@ -108,11 +128,20 @@ fn find_fields(path: &Path, vertex: &Element, attributes: bool) -> Result<Fields
         let remedy = "export the scan with coordinates";
         return Err(Error::file(path, found, "scalar properties x, y and z", remedy));
     };
+    let channels = three(RGB, find);
+    let harmonics = three(HARMONICS, find);
+    let color = match channels {
+        None if harmonics.is_some() => Color::Harmonics,
+        _ => Color::Channels(channels.map_or(Scalar::U8, |rgb| scalar_of(vertex.properties[rgb[0]].kind))),
+    };
     Ok(Fields {
         xyz,
-        rgb: three(RGB, find),
+        rgb: channels.or(harmonics),
+        color,
         intensity: find(INTENSITY).filter(|_| attributes),
-        normal: three(NORMAL, find).filter(|_| attributes),
+        // Gaussians have the fields of a normal, and zeros in them.
+        normal: three(NORMAL, find).filter(|_| attributes && harmonics.is_none()),
+        drop_zeros: false,
     })
 }
 
@@ -139,7 +168,15 @@ fn scalar_of(kind: Kind) -> Scalar {
     }
 }
 
-fn colors_of(values: &[[f64; 3]], scalar: Scalar) -> Vec<[u8; 3]> {
+fn colors_of(values: &[[f64; 3]], color: Color) -> Vec<[u8; 3]> {
+    let scalar = match color {
+        Color::Channels(scalar) => scalar,
+        Color::Harmonics => {
+            // `as u8` saturates.
+            let byte = |v: f64| ((0.5 + HARMONIC_0 * v) * 255.0).round() as u8;
+            return values.iter().map(|c| c.map(byte)).collect();
+        }
+    };
     match scalar {
         Scalar::F32 | Scalar::F64 => channels_to_bytes(values),
         Scalar::U16 => values.iter().map(|c| c.map(|v| (v / 257.0).round() as u8)).collect(),
@@ -160,7 +197,6 @@ struct Table {
     row: [f64; COLUMNS],
     xyz: Vec<[f64; 3]>,
     rgb: Option<Vec<[f64; 3]>>,
-    rgb_scalar: Scalar,
     normal: Option<Vec<[f32; 3]>>,
     intensity: Option<Vec<f32>>,
 }
@@ -186,7 +222,6 @@ impl Table {
             row: [0.0; COLUMNS],
             xyz: Vec::with_capacity(rows),
             rgb: fields.rgb.map(|_| Vec::with_capacity(rows)),
-            rgb_scalar: fields.rgb.map_or(Scalar::U8, |rgb| scalar_of(element.properties[rgb[0]].kind)),
             normal: fields.normal.map(|_| Vec::with_capacity(rows)),
             intensity: fields.intensity.map(|_| Vec::with_capacity(rows)),
         }
@@ -212,8 +247,12 @@ impl Table {
         self.intensity.iter_mut().for_each(|all| all.push(intensity as f32));
     }
 
-    fn into_cloud(self) -> PointCloud {
-        let rgb = self.rgb.map(|values| colors_of(&values, self.rgb_scalar));
+    fn into_cloud(mut self, fields: &Fields) -> PointCloud {
+        let rgb = self.rgb.map(|values| colors_of(&values, fields.color));
+        if fields.drop_zeros {
+            let xyz = without_zeros(self.xyz.len(), |i| self.xyz[i]);
+            self.xyz = (0..self.xyz.len()).map(xyz).collect();
+        }
         Vertices { xyz: self.xyz, rgb, intensity: self.intensity, normal: self.normal }.into_cloud()
     }
 }

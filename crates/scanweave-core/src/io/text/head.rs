@@ -130,7 +130,7 @@ impl<'a> Survey<'a> {
 /// that do not fit, and for coordinates that are not x, y and z.
 pub(super) fn find(path: &Path, text: &str, grammar: &Grammar, told: bool) -> Result<Head> {
     let survey = Survey::of(text, grammar);
-    refuse_other_text(path, &survey, told)?;
+    refuse_other_text(path, &survey, grammar, told)?;
     if let Some((number, line)) = survey.damaged {
         return Err(bad_row(path, number, line, "a row of at least three numbers"));
     }
@@ -177,7 +177,7 @@ pub(super) fn find(path: &Path, text: &str, grammar: &Grammar, told: bool) -> Re
 }
 
 /// Refuses text that is no table of points, by its rows alone.
-fn refuse_other_text(path: &Path, survey: &Survey<'_>, told: bool) -> Result<()> {
+fn refuse_other_text(path: &Path, survey: &Survey<'_>, grammar: &Grammar, told: bool) -> Result<()> {
     let expected = "rows of coordinates x, y, z";
     let other = |found: String| {
         let remedy = "leave it out, or pass --columns x=…,y=…,z=… if its rows are points";
@@ -185,6 +185,9 @@ fn refuse_other_text(path: &Path, survey: &Survey<'_>, told: bool) -> Result<()>
     };
     if survey.words.iter().any(|l| l.trim_ascii_start().to_ascii_lowercase().starts_with("ncols ")) {
         return other("a grid of heights (ESRI ASCII)".to_owned());
+    }
+    if survey.rows < survey.others {
+        refuse_thousands(path, survey, grammar)?;
     }
     if survey.rows == 0 {
         return other(match survey.most {
@@ -201,6 +204,35 @@ fn refuse_other_text(path: &Path, survey: &Survey<'_>, told: bool) -> Result<()>
         return other(format!("a table of {}", counted(survey.rows, "row")));
     }
     Ok(())
+}
+
+/// Refuses numbers with marks between their thousands, which leave it open what each mark means.
+fn refuse_thousands(path: &Path, survey: &Survey<'_>, grammar: &Grammar) -> Result<()> {
+    let mut fields = Vec::new();
+    for line in &survey.words {
+        grammar.split(line, &mut fields);
+        // Where no line is one of numbers, the grammar says nothing.
+        fields.extend(line.split([';', '\t', ' ']));
+        if let Some(field) = fields.iter().find(|f| has_thousands(f)) {
+            let found = format!("numbers with marks between thousands, such as '{}'", printable(field, 24));
+            let remedy = "export the scan without thousands separators";
+            return Err(Error::file(path, found, "numbers with a decimal mark only", remedy));
+        }
+    }
+    Ok(())
+}
+
+/// Whether a field is a number as `1,234.5`, `1.234,5` or `1'234.5`.
+fn has_thousands(field: &str) -> bool {
+    let number = field.trim_matches(['"', ' ']).trim_start_matches(['+', '-']);
+    let Some((whole, fraction)) = number.rsplit_once(['.', ',']) else { return false };
+    let Some(mark) = whole.chars().find(|c| matches!(c, '.' | ',' | '\'' | '\u{2019}')) else { return false };
+    let digits = |s: &str| !s.is_empty() && s.bytes().all(|b| b.is_ascii_digit());
+    let mut groups = whole.split(mark);
+    !number[whole.len()..].starts_with(mark)
+        && digits(fraction)
+        && groups.next().is_some_and(|first| digits(first) && first.len() <= 3)
+        && groups.all(|group| digits(group) && group.len() == 3)
 }
 
 /// The names in a line, with what they mean: split as the rows are, else as the names themselves suggest.
@@ -263,7 +295,9 @@ fn refusal(path: &Path, names: &[Name], why: &Meaningless) -> Error {
             "points",
             "pass poses by --poses, or --columns if the rows are points",
         ),
-        Meaningless::Table => Error::not_a_scan(path, format!("a table with {columns}"), expected, remedy),
+        Meaningless::Table | Meaningless::Vectors => {
+            Error::not_a_scan(path, format!("a table with {columns}"), expected, remedy)
+        }
         Meaningless::Spherical => Error::file(
             path,
             format!("ranges and angles: {columns}"),
