@@ -373,8 +373,8 @@ fn the_layouts_of_phones() {
     assert_eq!(found, [dir.path().join("s/depth/000000.png")]);
     let (scan, notes) = read(&dir, "s/depth/000000.png");
     assert!(notes.contains("warning: the principal point is that of images 7.5 times as large"), "{notes}");
-    // f = 1600/7.5, cx = (957.8 + 0.5)/7.5 - 0.5, cy = (719.5 + 0.5)/7.5 - 0.5, at 2 m.
-    let first = Point::new(-127.273_333 * 2.0 / 213.333_333, -95.5 * 2.0 / 213.333_333, 2.0);
+    // f = 1600/7.5; cx + 0.5 = (957.8 + 0.5)/7.5 and cy + 0.5 = (719.5 + 0.5)/7.5; at 2 m.
+    let first = Point::new(2.0 * (0.5 - 958.3 / 7.5) * 7.5 / 1600.0, 2.0 * (0.5 - 96.0) * 7.5 / 1600.0, 2.0);
     assert!((scan.cloud.points[0] - first).norm() < 1e-5, "{}", scan.cloud.points[0]);
     // ARKitScenes: width, height and four numbers for every image, a millisecond beside its time.
     let dir = folder(&[

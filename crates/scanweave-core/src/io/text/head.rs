@@ -2,7 +2,7 @@
 
 use super::grammar::{Grammar, Separator};
 use super::names::{Meaning, Meaningless, Name, meaning};
-use super::printable;
+use super::{printable, thousands};
 use crate::error::{Error, Result};
 use crate::io::scalar::counted;
 use std::path::Path;
@@ -187,7 +187,7 @@ fn refuse_other_text(path: &Path, survey: &Survey<'_>, grammar: &Grammar, told: 
         return other("a grid of heights (ESRI ASCII)".to_owned());
     }
     if survey.rows < survey.others {
-        refuse_thousands(path, survey, grammar)?;
+        thousands::refuse(path, &survey.words, grammar)?;
     }
     if survey.rows == 0 {
         return other(match survey.most {
@@ -204,35 +204,6 @@ fn refuse_other_text(path: &Path, survey: &Survey<'_>, grammar: &Grammar, told: 
         return other(format!("a table of {}", counted(survey.rows, "row")));
     }
     Ok(())
-}
-
-/// Refuses numbers with marks between their thousands, which leave it open what each mark means.
-fn refuse_thousands(path: &Path, survey: &Survey<'_>, grammar: &Grammar) -> Result<()> {
-    let mut fields = Vec::new();
-    for line in &survey.words {
-        grammar.split(line, &mut fields);
-        // Where no line is one of numbers, the grammar says nothing.
-        fields.extend(line.split([';', '\t', ' ']));
-        if let Some(field) = fields.iter().find(|f| has_thousands(f)) {
-            let found = format!("numbers with marks between thousands, such as '{}'", printable(field, 24));
-            let remedy = "export the scan without thousands separators";
-            return Err(Error::file(path, found, "numbers with a decimal mark only", remedy));
-        }
-    }
-    Ok(())
-}
-
-/// Whether a field is a number as `1,234.5`, `1.234,5` or `1'234.5`.
-fn has_thousands(field: &str) -> bool {
-    let number = field.trim_matches(['"', ' ']).trim_start_matches(['+', '-']);
-    let Some((whole, fraction)) = number.rsplit_once(['.', ',']) else { return false };
-    let Some(mark) = whole.chars().find(|c| matches!(c, '.' | ',' | '\'' | '\u{2019}')) else { return false };
-    let digits = |s: &str| !s.is_empty() && s.bytes().all(|b| b.is_ascii_digit());
-    let mut groups = whole.split(mark);
-    !number[whole.len()..].starts_with(mark)
-        && digits(fraction)
-        && groups.next().is_some_and(|first| digits(first) && first.len() <= 3)
-        && groups.all(|group| digits(group) && group.len() == 3)
 }
 
 /// The names in a line, with what they mean: split as the rows are, else as the names themselves suggest.

@@ -15,6 +15,7 @@ mod names;
 mod rows;
 #[cfg(test)]
 mod tests;
+mod thousands;
 mod watch;
 
 use super::colors::channels_to_bytes;
