@@ -3,6 +3,7 @@
 //! Such a file has no header. It is taken for a scan only where its numbers leave no doubt.
 
 use super::scan_file::{Note, ReadOptions, ScanFile};
+use super::scanner::without_zeros;
 use crate::error::{Error, Result};
 use crate::scan::assemble::{Attributes, assemble_with};
 use std::path::Path;
@@ -13,6 +14,11 @@ const LARGEST_M: f32 = 1e5;
 const LARGEST_INTENSITY: f32 = 255.0;
 /// More rings than any spinning sensor has.
 const RINGS: f32 = 256.0;
+/// Every second or third row of a scan spans about as much as the others. Where rows are twice or three
+/// times as long, it holds scores or flags, which span far less.
+const ALIKE: f32 = 20.0;
+/// Fewest rows of each kind to compare.
+const FEWEST_ALIKE: usize = 16;
 /// A scan is wider than this. Whole numbers read as `f32` are about 1e-43.
 const LEAST_EXTENT_M: f32 = 0.01;
 
@@ -53,11 +59,29 @@ fn like_kitti<const N: usize>(rows: &[[f32; N]]) -> bool {
     let sound = |row: &[f32; N]| {
         row[..3].iter().all(|c| c.abs() < LARGEST_M) && (0.0..=LARGEST_INTENSITY).contains(&row[3])
     };
-    let extent = |axis: usize| {
-        let values = || rows.iter().map(move |row| row[axis]);
+    // A direction without a return; half of the rows or more must have one.
+    let missing = |row: &[f32; N]| row[..3].iter().all(|c| c.is_nan());
+    let returns = rows.iter().filter(|row| sound(row)).count();
+    rows.iter().all(|row| sound(row) || missing(row))
+        && 2 * returns >= rows.len()
+        && extent(rows, 0, 1) > LEAST_EXTENT_M
+        && !(2..=3).any(|period| is_mixed(rows, period))
+}
+
+/// Whether the rows are those of two or three kinds in turn.
+fn is_mixed<const N: usize>(rows: &[[f32; N]], period: usize) -> bool {
+    let extents = (0..period).map(|first| extent(rows, first, period));
+    let (least, most) = extents.fold((f32::MAX, 0.0f32), |(a, b), e| (a.min(e), b.max(e)));
+    rows.len() >= FEWEST_ALIKE * period && least * ALIKE < most
+}
+
+/// The largest extent along an axis of every `step`th row from `first`.
+fn extent<const N: usize>(rows: &[[f32; N]], first: usize, step: usize) -> f32 {
+    let along = |axis: usize| {
+        let values = || rows.iter().skip(first).step_by(step).map(move |row| row[axis]);
         values().fold(f32::MIN, f32::max) - values().fold(f32::MAX, f32::min)
     };
-    rows.iter().all(sound) && (0..3).any(|axis| extent(axis) > LEAST_EXTENT_M)
+    (0..3).map(along).fold(0.0, f32::max)
 }
 
 fn like_nuscenes(rows: &[[f32; 5]]) -> bool {
@@ -72,7 +96,8 @@ fn cloud<const N: usize>(rows: &[[f32; N]], options: &ReadOptions, note: &str) -
         intensity: options.attributes.then_some(&intensity as &dyn Fn(usize) -> f32),
         ..Attributes::default()
     };
-    let cloud = assemble_with(rows.len(), at, &attributes, Some([0.0; 3]));
+    let xyz = without_zeros(rows.len(), at);
+    let cloud = assemble_with(rows.len(), xyz, &attributes, Some([0.0; 3]));
     ScanFile::from(cloud).with(Note::info(note))
 }
 
@@ -140,5 +165,27 @@ mod tests {
             let message = error.to_string();
             assert!(message.contains(".bin") && message.contains("numpy.fromfile"), "{message}");
         }
+    }
+
+    #[test]
+    fn missing_returns_are_dropped_and_longer_rows_refused() {
+        let place = |i: usize| [20.0 * (i as f32).sin(), 15.0 * (i as f32).cos(), 0.1 * i as f32];
+        let rows = |beside: &[f32]| -> Vec<f32> {
+            (0..64).flat_map(|i| [&place(i)[..], &[0.25], beside].concat()).collect()
+        };
+        let mut numbers = rows(&[]);
+        numbers[4..7].fill(f32::NAN);
+        numbers[8..11].fill(0.0);
+        numbers[12..15].fill(0.0);
+        let cloud = read("a.bin", &bytes(&numbers)).unwrap().scans.swap_remove(0).cloud;
+        assert_eq!((cloud.len(), cloud.dropped_rows), (61, 3));
+        assert_eq!(cloud.points[1], Point::from(place(4)));
+        // Four scores of classes, or eight, behind each point.
+        for scores in [&[1.0, 0.0, 0.0, 0.0][..], &[0.0, 0.0, 0.25, 0.5, 0.25, 0.0, 0.0, 0.0]] {
+            let error = read("a.bin", &bytes(&rows(scores))).unwrap_err();
+            assert!(matches!(error, Error::NotAScan { .. }), "{error}");
+        }
+        numbers.iter_mut().for_each(|v| *v = f32::NAN);
+        assert!(read("a.bin", &bytes(&numbers)).is_err());
     }
 }

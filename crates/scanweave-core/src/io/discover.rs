@@ -17,8 +17,10 @@ const CLOUD_EXTENSIONS: [&str; 12] =
 const OTHER_EXTENSIONS: [&str; 7] = ["npy", "npz", "bin", "obj", "stl", "off", "glb"];
 /// Extensions of packed files, which are looked through.
 const PACKED_EXTENSIONS: [&str; 2] = ["gz", "zip"];
-/// Files that this program writes beside scans, and well-known lists of poses.
-const NO_SCANS: [&str; 3] = ["overlap.csv", "poses.csv", "trajectory.csv"];
+/// Files that this program writes beside scans, well-known lists of poses, and what Stray Scanner writes
+/// beside depth images.
+const NO_SCANS: [&str; 6] =
+    ["overlap.csv", "poses.csv", "trajectory.csv", "camera_matrix.csv", "odometry.csv", "imu.csv"];
 
 /// A file that may hold scans.
 #[derive(Debug, Clone, PartialEq, Eq)]

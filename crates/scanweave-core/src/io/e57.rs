@@ -21,7 +21,8 @@ const POINT_BYTES: u64 = 24;
 ///
 /// The standard puts the sensor at the zero of a scan, which is the viewpoint where the scan has a pose or
 /// spherical coordinates. Many exports have points in the coordinates of the file all the same: a zero far
-/// from the points is no viewpoint. Points that are marked as invalid are dropped and counted.
+/// from the points is no viewpoint. Points that are marked as invalid are dropped and counted, and so are
+/// those at zero (see [`Vertices::without_zeros`]). A scan without points or coordinates beside others is an empty one.
 ///
 /// # Errors
 /// [`Error::File`] for a damaged file, and for one without a scan.
@@ -34,11 +35,19 @@ pub(super) fn read(path: &Path, mut file: impl Read + Seek, options: &ReadOption
         let remedy = "export it with its point clouds";
         return Err(Error::file(path, "an E57 file without a scan", "at least one scan", remedy));
     }
+    if !stored.iter().any(has_coordinates) {
+        return Err(damaged(path, &"none of its scans has coordinates"));
+    }
     let mut read = ScanFile::default();
     let (mut strange_pose, mut far) = (false, false);
     let limit = UnpackLimit::of_scan(options, size);
     let mut room = limit.bytes();
     for (index, scan) in stored.iter().enumerate() {
+        // Without a point there is no packet either, which the decoder takes for damage.
+        if scan.records == 0 || !has_coordinates(scan) {
+            read.scans.push(StoredScan::default());
+            continue;
+        }
         check(path, index, scan)?;
         room = room
             .checked_sub(scan.records.saturating_mul(POINT_BYTES))
@@ -67,18 +76,19 @@ fn damaged(path: &Path, why: &dyn std::fmt::Display) -> Error {
     Error::file(path, found, expected, "copy or export the file again")
 }
 
-/// Refuses a scan without coordinates, and one whose decoder would not end.
+fn has_coordinates(scan: &::e57::PointCloud) -> bool {
+    scan.has_cartesian() || scan.has_spherical()
+}
+
+/// Refuses a scan whose decoder would not end.
 fn check(path: &Path, index: usize, scan: &::e57::PointCloud) -> Result<()> {
-    if !(scan.has_cartesian() || scan.has_spherical()) {
-        return Err(damaged(path, &format!("scan {} has no coordinates", index + 1)));
-    }
     // A value that never changes takes no bytes. Where none does, nothing but the header says how many
     // points there are, and the decoder makes as many values as memory holds.
     let constant = |data_type: &RecordDataType| match data_type {
         RecordDataType::Integer { min, max } | RecordDataType::ScaledInteger { min, max, .. } => min == max,
         RecordDataType::Single { .. } | RecordDataType::Double { .. } => false,
     };
-    if scan.records > 0 && scan.prototype.iter().all(|record| constant(&record.data_type)) {
+    if scan.prototype.iter().all(|record| constant(&record.data_type)) {
         return Err(damaged(path, &format!("scan {} has points at one place only", index + 1)));
     }
     Ok(())
@@ -100,7 +110,7 @@ fn points<R: Read + Seek>(
 ) -> Result<PointCloud> {
     let mut cloud = PointCloud::default();
     let invalid = each_block(path, reader, scan, options, usize::MAX, |all| {
-        cloud = all.into_cloud();
+        cloud = all.without_zeros().into_cloud();
         Ok(())
     })?;
     place_sensor(scan, &mut cloud);

@@ -19,7 +19,8 @@ const CHUNK_POINTS: u64 = 1 << 16;
 /// dropped and counted.
 ///
 /// # Errors
-/// [`Error::File`] for a damaged file, and for fewer points than its header promises.
+/// [`Error::File`] for a damaged file, for fewer points than its header promises, and for a scale that
+/// leaves nothing of the coordinates.
 pub(super) fn read<R>(path: &Path, mut file: R, options: &ReadOptions) -> Result<ScanFile>
 where
     R: Read + Seek + Send + Sync + 'static,
@@ -113,9 +114,25 @@ where
         columns.push(chunk);
         Ok(true)
     })?;
+    check_scales(path, &columns, reader.header().transforms())?;
     // The standard asks for 16-bit colours; files with 8-bit values in them are common.
     let bytes = !columns.has_wide_colors();
     Ok(columns.into_cloud(reader.header().transforms(), bytes).into())
+}
+
+/// Refuses a scale that takes all points to one place of an axis, or to none.
+fn check_scales(path: &Path, columns: &Columns, transforms: &::las::Vector<::las::Transform>) -> Result<()> {
+    for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+        let ::las::Transform { scale, offset } = [transforms.x, transforms.y, transforms.z][axis];
+        // Writers that fit the scale to the points write zero for an axis along which nothing varies.
+        let varies = columns.xyz.windows(2).any(|pair| pair[0][axis] != pair[1][axis]);
+        if !(scale.is_finite() && offset.is_finite()) || (scale == 0.0 && varies) {
+            let found = format!("a scale of {scale} and an offset of {offset} for {name}");
+            let remedy = "export the file again: its header is damaged";
+            return Err(Error::file(path, found, "finite numbers, and a scale that is not zero", remedy));
+        }
+    }
+    Ok(())
 }
 
 /// Hands the points to `take`, some at a time, until it wants no more.

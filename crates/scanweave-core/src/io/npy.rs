@@ -5,6 +5,7 @@ use super::fields::{INTENSITY, NORMAL, Names, RGB, three, whole_number_note};
 use super::npy_header::{self, Field, Header};
 use super::scalar::{Endian, Scalar};
 use super::scan_file::{ReadOptions, ScanFile};
+use super::scanner::without_zeros;
 use crate::error::{Error, Result};
 use crate::scan::PointCloud;
 use crate::scan::assemble::{Attributes, assemble_with};
@@ -261,7 +262,8 @@ impl Columns<'_> {
             intensity: intensity.as_ref().map(|f| f as &dyn Fn(usize) -> f32),
             normal: normal.as_ref().map(|f| f as &dyn Fn(usize) -> [f32; 3]),
         };
-        assemble_with(self.rows, |row| self.xyz.map(|c| c.at(row)), &attributes, None)
+        let xyz = without_zeros(self.rows, |row| self.xyz.map(|c| c.at(row)));
+        assemble_with(self.rows, xyz, &attributes, None)
     }
 }
 

@@ -7,8 +7,9 @@ use super::fields::whole_number_note;
 use super::lzf;
 use super::pcd_header::{CUT_SHORT, Color, Encoding, Header, Place, Places, parse_header};
 use super::pcd_viewpoint::place_sensor;
-use super::scalar::{Endian, Scalar, counted, parse_number};
+use super::scalar::{Endian, Scalar, counted, parse_between_blanks, parse_number};
 use super::scan_file::{ReadOptions, ScanFile, StoredScan};
+use super::scanner::without_zeros;
 use super::unpack_limit::UnpackLimit;
 use super::vertices::Vertices;
 use crate::error::{Error, Result};
@@ -21,8 +22,9 @@ use std::path::Path;
 /// # Errors
 /// [`Error::File`] when the header cannot be used or disagrees with the data.
 pub(super) fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<ScanFile> {
-    let header = parse_header(path, bytes)?;
+    let mut header = parse_header(path, bytes)?;
     let data = &bytes[header.data_start..];
+    header.settle_counts_of_zero(path, data)?;
     let stride = header.stride(path)?;
     let columnar = header.encoding == Encoding::Compressed;
     let mut places = header.places(path, stride, columnar)?;
@@ -103,7 +105,7 @@ fn decode(data: &[u8], n: usize, places: &Places) -> PointCloud {
         intensity: intensity.as_ref().map(|f| f as &dyn Fn(usize) -> f32),
         normal: normal.as_ref().map(|f| f as &dyn Fn(usize) -> [f32; 3]),
     };
-    assemble_with(n, |i| places.xyz.map(|p| number(i, p)), &attributes, None)
+    assemble_with(n, without_zeros(n, |i| places.xyz.map(|p| number(i, p))), &attributes, None)
 }
 
 /// The columns of a binary_compressed body: compressed length, plain length, LZF stream.
@@ -144,7 +146,11 @@ fn decompress(path: &Path, data: &[u8], limit: UnpackLimit) -> Result<Vec<u8>> {
 
 fn read_ascii(path: &Path, data: &[u8], header: &Header, places: &Places) -> Result<PointCloud> {
     let text = String::from_utf8_lossy(data);
-    let mut lines = text.lines().map(str::trim).filter(|l| !l.is_empty() && !l.starts_with('#'));
+    let mut lines = text.lines().map(str::trim).filter(|l| !l.is_empty() && !l.starts_with('#')).peekable();
+    // A further header that some writers put after the last line of the real one.
+    if lines.peek().is_some_and(|line| line.starts_with("HEADER_EXT_START")) {
+        lines.find(|line| line.starts_with("HEADER_EXT_END"));
+    }
     let mut vertices = Vertices {
         intensity: places.intensity.map(|_| Vec::new()),
         normal: places.normal.map(|_| Vec::new()),
@@ -152,6 +158,7 @@ fn read_ascii(path: &Path, data: &[u8], header: &Header, places: &Places) -> Res
     };
     let mut values: Vec<[f64; 3]> = Vec::new();
     let mut colors: Vec<[u8; 3]> = Vec::new();
+    let mut colors_lost = false;
     let mut words: Vec<&str> = Vec::new();
     for row in 0..header.points {
         let Some(line) = lines.next() else {
@@ -160,15 +167,18 @@ fn read_ascii(path: &Path, data: &[u8], header: &Header, places: &Places) -> Res
         };
         words.clear();
         words.extend(line.split_ascii_whitespace());
-        let number = |p: Place| words.get(p.column).and_then(|w| parse_number(w));
+        let number = |p: Place| words.get(p.column).and_then(|w| parse_between_blanks(w));
         let bad = || bad_row(path, header, row, line);
         let three = |p: [Place; 3]| Some([number(p[0])?, number(p[1])?, number(p[2])?]);
-        vertices.xyz.push(three(places.xyz).ok_or_else(bad)?);
+        let xyz = three(places.xyz).ok_or_else(bad)?;
+        vertices.xyz.push(xyz);
         match places.color {
             None => {}
             Some(Color::Packed(p)) => {
                 let word = words.get(p.column).ok_or_else(bad)?;
-                colors.push(unpack(packed_bits(word, p.scalar).ok_or_else(bad)?));
+                let bits = packed_bits(word, p.scalar).ok_or_else(bad)?;
+                colors_lost |= bits.is_none() && xyz.iter().all(|v| v.is_finite());
+                colors.push(unpack(bits.unwrap_or(0)));
             }
             Some(Color::Channels(c)) => values.push(three(c).ok_or_else(bad)?),
         }
@@ -185,10 +195,12 @@ fn read_ascii(path: &Path, data: &[u8], header: &Header, places: &Places) -> Res
         let remedy = "correct POINTS, WIDTH and HEIGHT in the header or export the scan again";
         return Err(Error::file(path, format!("{} rows", header.points + more), expected, remedy));
     }
-    vertices.rgb = places.color.map(|color| match color {
+    vertices.rgb = places.color.filter(|_| !colors_lost).map(|color| match color {
         Color::Packed(_) => colors,
         Color::Channels(c) => channels_of(&values, c[0].scalar),
     });
+    let xyz = without_zeros(vertices.xyz.len(), |i| vertices.xyz[i]);
+    vertices.xyz = (0..vertices.xyz.len()).map(xyz).collect();
     Ok(vertices.into_cloud())
 }
 
@@ -199,12 +211,13 @@ fn bad_row(path: &Path, header: &Header, row: usize, line: &str) -> Error {
     Error::file(path, found, counted(columns, "number"), remedy)
 }
 
-/// The bits of a packed colour written as text: of the float, or of the integer.
-fn packed_bits(word: &str, scalar: Scalar) -> Option<u32> {
+/// The bits of a packed colour written as text: of the float, or of the integer. The inner value is `None`
+/// where the colour is lost: a float with alpha 255 is written as nan.
+fn packed_bits(word: &str, scalar: Scalar) -> Option<Option<u32>> {
     match scalar {
-        // A float with alpha 255 is written as nan and its colour is lost: black.
-        Scalar::F32 => word.parse::<f32>().ok().map(|v| if v.is_nan() { 0 } else { v.to_bits() }),
-        _ => word.parse::<i64>().ok().map(|v| v as u32),
+        Scalar::F32 if parse_number(word).is_some_and(f64::is_nan) => Some(None),
+        Scalar::F32 => word.parse::<f32>().ok().map(|v| Some(v.to_bits())),
+        _ => word.parse::<i64>().ok().map(|v| Some(v as u32)),
     }
 }
 
@@ -274,5 +287,59 @@ mod tests {
         let broken = around_zero.replace(&format!("{half} 0 0 {half}"), "0 0 0 0");
         let scan = read(Path::new("a.pcd"), broken.as_bytes(), &options).unwrap().scans.swap_remove(0);
         assert_eq!((scan.pose, scan.cloud.viewpoint), (None, None));
+    }
+
+    /// A binary file with these fields, and the points of its only scan.
+    fn points_of(head: &str, data: &[u8]) -> Result<Vec<Point>> {
+        let bytes = [format!("{head}DATA binary\n").as_bytes(), data].concat();
+        Ok(read(Path::new("a.pcd"), &bytes, &ReadOptions::default())?.scans.swap_remove(0).cloud.points)
+    }
+
+    #[test]
+    fn padding_of_any_width_and_of_none() {
+        let two = [Point::new(1.0, 2.0, 3.0), Point::new(4.0, 5.0, 6.0)];
+        let head = |count: &str, stride: usize| {
+            let fields = "FIELDS x y z _ ring _\nSIZE 4 4 4 1 2 1\nTYPE F F F U U U\n";
+            let row = |p: &Point| [&p.x.to_le_bytes()[..], &p.y.to_le_bytes(), &p.z.to_le_bytes()].concat();
+            let data: Vec<u8> = two
+                .iter()
+                .flat_map(|p| {
+                    let mut row = row(p);
+                    row.resize(stride, 0xee);
+                    row
+                })
+                .collect();
+            (format!("{fields}COUNT {count}\nWIDTH 2\nHEIGHT 1\nPOINTS 2\n"), data)
+        };
+        // 12 bytes of coordinates, 4 of padding, 2 of the ring, 10 of padding.
+        for (count, stride) in [("1 1 1 4 1 10", 28), ("1 1 1 0 1 10", 25), ("1 1 1 0 1 10", 24)] {
+            let (head, data) = head(count, stride);
+            assert_eq!(points_of(&head, &data).unwrap(), two, "{count} {stride}");
+        }
+        let (head, data) = head("1 1 1 0 1 10", 23);
+        assert!(points_of(&head, &data).unwrap_err().to_string().contains("46 bytes of data"));
+    }
+
+    #[test]
+    fn a_further_header_decimal_commas_lost_colours_and_zeros() {
+        let head = "VERSION 3.0      \nFIELDS x y z rgb\nSIZE 8 8 8 4\nTYPE F F F F\nWIDTH 4      \n\
+                    HEIGHT 1      \nVIEWPOINT 0 0 0 1\nPOINTS 4      \nDATA ascii      \n";
+        let more =
+            "HEADER_EXT_START 6      \nSENSOR_TYPE VELODYNE_LIDAR      \nMODE None\nHEADER_EXT_END  \n";
+        let cloud = |text: String| {
+            read(Path::new("a.pcd"), text.as_bytes(), &ReadOptions::default())
+                .unwrap()
+                .scans
+                .swap_remove(0)
+                .cloud
+        };
+        // 0x00ff8000 as a float, and a value more than there are fields.
+        let color = f32::from_bits(0x00ff_8000);
+        let scan = cloud(format!("{head}{more}1,5 2 3 {color:e} 0\n0 0 0 0\n0 0 0 0\nnan nan nan nan\n"));
+        assert_eq!(scan.points, [Point::new(1.5, 2.0, 3.0)]);
+        assert_eq!((scan.colors, scan.dropped_rows), (Some(vec![[255, 128, 0]]), 3));
+        // With alpha 255 the float is no number, and text does not keep its bits.
+        let scan = cloud(format!("{head}1 2 3 nan\n4 5 6 -nan\n7 8 9 -nan(0x12)\n1 1 1 0\n"));
+        assert_eq!((scan.len(), scan.colors), (4, None));
     }
 }

@@ -155,9 +155,7 @@ impl HeaderLines {
                 None => 1,
                 Some(word) => word
                     .parse::<usize>()
-                    .map_err(|_| bad(format!("COUNT {word} of field {name}"), "a whole number"))?
-                    // PCL itself reads COUNT 0 as 1.
-                    .max(1),
+                    .map_err(|_| bad(format!("COUNT {word} of field {name}"), "a whole number"))?,
             };
             fields.push(Field { name: name.clone(), scalar, count });
         }
@@ -216,6 +214,19 @@ fn scalar(kind: &str, size: &str) -> Option<Scalar> {
 }
 
 impl Header {
+    /// Settles what COUNT 0 means: one, as the Point Cloud Library reads it, unless the `data` have no
+    /// room for it. Then it is padding of no width, as drivers of sensors write it.
+    pub fn settle_counts_of_zero(&mut self, path: &Path, data: &[u8]) -> Result<()> {
+        let mut ones = self.fields.clone();
+        ones.iter_mut().for_each(|field| field.count = field.count.max(1));
+        let written = std::mem::replace(&mut self.fields, ones);
+        let needed = self.stride(path)?.checked_mul(self.points);
+        if self.encoding == Encoding::Binary && needed.is_none_or(|needed| needed > data.len()) {
+            self.fields = written;
+        }
+        Ok(())
+    }
+
     /// Bytes of one row.
     pub fn stride(&self, path: &Path) -> Result<usize> {
         let sum = self

@@ -5,7 +5,7 @@
 //! vectors: world = [x y z 1]·M, hence the translation is the last row. `0 0 0` is a direction without a return.
 
 use super::poses::ORTHONORMAL_TOLERANCE;
-use super::scalar::{counted, parse_number};
+use super::scalar::{counted, parse_between_blanks};
 use super::scan_file::{Note, ReadOptions, ScanFile, StoredScan};
 use super::scanner::{drop_implausible_viewpoint, drop_poses_that_say_nothing};
 use crate::error::{Error, Result};
@@ -103,7 +103,7 @@ impl Row {
     fn new(line: &str) -> Option<Self> {
         let mut row = Self { values: [0.0; WIDEST], width: 0 };
         for word in line.split_ascii_whitespace() {
-            let value = parse_number(word)?;
+            let value = parse_between_blanks(word)?;
             if let Some(place) = row.values.get_mut(row.width) {
                 *place = value;
             }
@@ -126,6 +126,11 @@ impl Header {
     /// `None` at the end of the file.
     fn read(path: &Path, scan: usize, lines: &mut Lines<'_>) -> Result<Option<Self>> {
         let Some(first) = lines.next() else { return Ok(None) };
+        if scan > 1 && Row::new(first.1).is_some_and(|row| row.width >= 3) {
+            let found = format!("a further row in line {} after all of scan {}", first.0, scan - 1);
+            let remedy = "correct the numbers of columns and rows of that scan, or export the file again";
+            return Err(Error::file(path, found, "the next scan or the end of the file", remedy));
+        }
         let columns = whole(path, scan, "its number of columns", Some(first))?;
         let rows = whole(path, scan, "its number of rows", lines.next())?;
         let total = columns.checked_mul(rows).ok_or_else(|| {

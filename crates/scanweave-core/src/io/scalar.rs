@@ -78,6 +78,18 @@ fn half(bits: u16) -> f64 {
     if bits >> 15 == 1 { -size } else { size }
 }
 
+/// A number of a format in which only blanks stand between numbers: a comma in one is its decimal mark,
+/// which programs write that follow the language of the system.
+pub(super) fn parse_between_blanks(token: &str) -> Option<f64> {
+    parse_number(token).or_else(|| {
+        let (whole, fraction) = token.split_once(',')?;
+        let digits = whole.ends_with(|c: char| c.is_ascii_digit())
+            && fraction.starts_with(|c: char| c.is_ascii_digit());
+        // A second mark leaves a text that is no number.
+        if digits { format!("{whole}.{fraction}").parse().ok() } else { None }
+    })
+}
+
 /// A number as text files write it, including the spellings of "not a number" of C and C++ runtimes.
 pub(super) fn parse_number(token: &str) -> Option<f64> {
     if let Ok(v) = token.parse() {

@@ -41,6 +41,19 @@ pub(super) fn drop_poses_that_say_nothing(scans: &mut [StoredScan]) {
     }
 }
 
+/// The rows with those at zero as NaN, where there are several: many writers put directions without a
+/// return there, and no two points of a scan are the same to the last digit.
+///
+/// They would be points at the sensor, and where the others are far from zero they stretch the scan.
+pub(super) fn without_zeros(rows: usize, xyz_m: impl Fn(usize) -> [f64; 3]) -> impl Fn(usize) -> [f64; 3] {
+    let is_zero = |i: usize| xyz_m(i) == [0.0; 3];
+    let several = (0..rows).filter(|&i| is_zero(i)).nth(1).is_some() && !(0..rows).all(is_zero);
+    move |i| {
+        let xyz = xyz_m(i);
+        if several && xyz == [0.0; 3] { [f64::NAN; 3] } else { xyz }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -63,6 +76,19 @@ mod tests {
             assert_eq!(cloud.viewpoint.is_none(), far);
         }
         assert!(!drop_implausible_viewpoint(&mut PointCloud::default()));
+    }
+
+    #[test]
+    fn several_rows_at_zero_are_none() {
+        let kept = |rows: &[[f64; 3]]| {
+            let read = without_zeros(rows.len(), |i| rows[i]);
+            (0..rows.len()).filter(|&i| read(i).iter().all(|v| v.is_finite())).collect::<Vec<usize>>()
+        };
+        assert_eq!(kept(&[[0.0; 3], [0.0, 0.0, 1.0], [-0.0, 0.0, -0.0], [2.0, 0.0, 0.0]]), [1, 3]);
+        // One alone may be a point of a model that begins at zero.
+        assert_eq!(kept(&[[0.0; 3], [0.0, 0.0, 1.0]]), [0, 1]);
+        // Nothing tells what a file of zeros alone is.
+        assert_eq!(kept(&[[0.0; 3]; 3]), [0, 1, 2]);
     }
 
     #[test]

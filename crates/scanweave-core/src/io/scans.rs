@@ -3,7 +3,7 @@
 use super::discover::{self, Discovered, FoundFile, LeftOut};
 use super::read_file;
 use super::scalar::counted;
-use super::scan_file::{Note, ReadOptions, ScanFile};
+use super::scan_file::{Note, ReadOptions, ScanFile, StoredScan};
 use crate::error::{Error, Result};
 use crate::monitor::Monitor;
 use crate::scan::{Scan, ScanId};
@@ -25,13 +25,14 @@ pub struct Inputs {
 }
 
 /// Reads every scan of the files in parallel. A file with several scans gives as many, named
-/// `file#1`, `file#2`, ….
+/// `file#1`, `file#2`, …; those without a point are left out with a warning, and the others keep their
+/// numbers.
 ///
 /// A file that was found in a folder and turns out to be no scan is left out. So is one that cannot be
 /// read, if `skip_unreadable`.
 ///
 /// # Errors
-/// That of the first file in order that fails; [`Error::File`] for a scan without a finite point;
+/// That of the first file in order that fails; [`Error::File`] for a file without a finite point;
 /// [`Error::Input`] when nothing is left; [`Error::Interrupted`].
 pub fn read_inputs(
     found: &Discovered,
@@ -107,16 +108,27 @@ pub fn read_scans(paths: &[PathBuf], monitor: &dyn Monitor) -> Result<Vec<Scan>>
     }
 }
 
-/// Refuses a scan without a finite point.
-fn with_points(path: &Path, file: ScanFile) -> Result<ScanFile> {
-    let Some(part) = file.scans.iter().position(|s| s.cloud.is_empty()) else { return Ok(file) };
-    let rows = counted(file.scans[part].cloud.dropped_rows, "row");
-    let found = match file.scans.len() {
-        1 => format!("0 finite points of {rows}"),
-        _ => format!("0 finite points of {rows} in scan {}", part + 1),
-    };
-    let remedy = "leave this scan out, or export it again";
-    Err(Error::file(path, found, "at least one point with finite coordinates", remedy))
+/// Refuses a file without a finite point, and warns of scans without one beside others.
+fn with_points(path: &Path, mut file: ScanFile) -> Result<ScanFile> {
+    let is_empty = |scan: &StoredScan| scan.cloud.is_empty();
+    if file.scans.iter().all(is_empty) {
+        let rows = counted(file.scans.iter().map(|s| s.cloud.dropped_rows).sum(), "row");
+        let found = match file.scans.len() {
+            1 => format!("0 finite points of {rows}"),
+            n => format!("0 finite points of {rows} in {}", counted(n, "scan")),
+        };
+        let remedy = "leave this file out, or export it again";
+        return Err(Error::file(path, found, "at least one point with finite coordinates", remedy));
+    }
+    // Scanners store a position that was given up as a scan without a point.
+    let empty: Vec<String> =
+        (1..).zip(&file.scans).filter(|(_, s)| is_empty(s)).map(|(n, _)| n.to_string()).collect();
+    if !empty.is_empty() {
+        let some = empty.get(..8).map_or_else(|| empty.join(", "), |some| format!("{} …", some.join(", ")));
+        let text = format!("{} of the file without a point, left out: {some}", counted(empty.len(), "scan"));
+        file.notes.push(Note::warning(text));
+    }
+    Ok(file)
 }
 
 /// The scans without points that lie too far out to belong to them.
@@ -131,7 +143,7 @@ fn named(files: Vec<(&Path, ScanFile)>) -> Vec<Scan> {
     let mut scans = Vec::new();
     for ((path, file), name) in files.into_iter().zip(unique_names(&paths)) {
         let several = file.scans.len() > 1;
-        for (part, stored) in file.scans.into_iter().enumerate() {
+        for (part, stored) in file.scans.into_iter().enumerate().filter(|(_, s)| !s.cloud.is_empty()) {
             scans.push(Scan {
                 id: ScanId(scans.len()),
                 name: if several { format!("{name}#{}", part + 1) } else { name.clone() },

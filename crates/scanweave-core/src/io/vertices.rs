@@ -1,5 +1,6 @@
 //! Points and what belongs to them, gathered one by one.
 
+use super::scanner::without_zeros;
 use crate::scan::PointCloud;
 use crate::scan::assemble::{Attributes, assemble_with};
 
@@ -14,6 +15,13 @@ pub(super) struct Vertices {
 }
 
 impl Vertices {
+    /// The same without rows at zero where there are several: directions without a return.
+    pub(super) fn without_zeros(mut self) -> Self {
+        let xyz = without_zeros(self.xyz.len(), |i| self.xyz[i]);
+        self.xyz = (0..self.xyz.len()).map(xyz).collect();
+        self
+    }
+
     pub(super) fn into_cloud(self) -> PointCloud {
         let n = self.xyz.len();
         let rgb = self.rgb.filter(|c| c.len() == n);

@@ -1,7 +1,7 @@
 //! The calibration and the scale of depth that lie beside depth images.
 
-use super::frame::{Frame, Layout, name_of};
-use super::intrinsics::{Camera, Intrinsics, read_camera, small_text, units_per_m};
+use super::frame::{Frame, Layout, SAME_TIME_S, name_of};
+use super::intrinsics::{Camera, Intrinsics, SIZED_EXTENSION, read_camera, small_text, units_per_m};
 use crate::error::{Error, Result};
 use crate::io::scalar::counted;
 use crate::io::scan_file::Note;
@@ -13,8 +13,9 @@ pub const UNITS_PER_M: f32 = 1000.0;
 const TUM_UNITS_PER_M: f64 = 5000.0;
 
 /// Names of files that hold intrinsics and nothing else.
-const INTRINSICS_FILES: [&str; 18] = [
+const INTRINSICS_FILES: [&str; 19] = [
     "K.txt",
+    "camera_matrix.csv",
     "camera-intrinsics.txt",
     "intrinsics.txt",
     "camera_intrinsics.txt",
@@ -48,6 +49,9 @@ const MAYBE_INTRINSICS_FILES: [&str; 12] = [
     "_info.txt",
     "info.txt",
 ];
+/// Folders of ARKitScenes with a file of intrinsics for every image.
+const FRAME_FOLDERS: [&str; 5] =
+    ["lowres_wide_intrinsics", "wide_intrinsics", "color_intrinsics", "vga_wide_intrinsics", "intrinsics"];
 /// Names of files that hold the scale of depth alone.
 const SCALE_FILES: [&str; 4] = ["depth_scale.txt", "depth-scale.txt", "depthscale.txt", "depth_factor.txt"];
 
@@ -68,6 +72,9 @@ pub(super) fn find_camera(image: &Path, frame: &Frame, named: Option<&Path>) -> 
     if let Some(path) = named {
         return read_camera(path);
     }
+    if let Some(path) = of_frame(frame) {
+        return read_camera(&path);
+    }
     let mut unusable = None;
     for folder in frame.folders() {
         let read = |name: &str| Some(folder.join(name)).filter(|p| p.is_file()).map(|p| read_camera(&p));
@@ -85,6 +92,31 @@ pub(super) fn find_camera(image: &Path, frame: &Frame, named: Option<&Path>) -> 
         }
     }
     Err(unusable.unwrap_or_else(|| missing(image, frame.layout)))
+}
+
+/// The file with the intrinsics of one image: of the same name beside it or in a folder beside its own, else
+/// the nearest in time there, as the clocks of images and intrinsics differ by some milliseconds.
+fn of_frame(frame: &Frame) -> Option<PathBuf> {
+    let name = format!("{}.{SIZED_EXTENSION}", frame.stem);
+    let folders: Vec<PathBuf> = FRAME_FOLDERS.iter().map(|f| frame.above.join(f)).collect();
+    let same = std::iter::once(&frame.folder).chain(&folders).map(|f| f.join(&name)).find(|p| p.is_file());
+    let time = time_of(&frame.stem);
+    same.or_else(|| folders.iter().find_map(|folder| nearest_in(folder, time?)))
+}
+
+/// The seconds at the end of a name, after that of the video.
+fn time_of(stem: &str) -> Option<f64> {
+    let time = stem.rsplit('_').next()?;
+    time.contains('.').then(|| time.parse().ok()).flatten()
+}
+
+fn nearest_in(folder: &Path, time_s: f64) -> Option<PathBuf> {
+    let files = std::fs::read_dir(folder).ok()?.filter_map(|entry| Some(entry.ok()?.path()));
+    let timed = files.filter(|p| p.extension().is_some_and(|e| e == SIZED_EXTENSION)).filter_map(|p| {
+        let apart = (time_of(&p.file_stem()?.to_string_lossy())? - time_s).abs();
+        (apart <= SAME_TIME_S).then_some((apart, p))
+    });
+    timed.min_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.1.cmp(&b.1))).map(|(_, path)| path)
 }
 
 fn missing(image: &Path, layout: Layout) -> Error {

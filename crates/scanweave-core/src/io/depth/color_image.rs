@@ -1,6 +1,6 @@
 //! Colours of a depth image's pixels from the colour image beside it.
 
-use super::intrinsics::same_aspect;
+use super::image_size::same_aspect;
 use super::png_file;
 use crate::files;
 use crate::io::scan_file::Note;

@@ -4,7 +4,6 @@ use super::camera_keys::{Keys, words};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::io::scalar::parse_number;
-use crate::io::scan_file::Note;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -38,12 +37,13 @@ pub(super) struct Camera {
 
 /// Calibration files are small: a larger file is something else, and is not read to its end.
 const LARGEST_FILE: u64 = 1 << 20;
-/// Relative difference of two aspect ratios that still counts as the same. ScanNet's 1296×968 colour
-/// and 640×480 depth differ by 0.4 %.
-pub(super) const SAME_ASPECT: f64 = 0.01;
 
-const EXPECTED: &str = "'fx fy cx cy' or a 3x3 camera matrix 'fx 0 cx / 0 fy cy / 0 0 1', in pixels";
-const REMEDY: &str = "write the camera's intrinsics in one of these forms";
+/// Extension of the files of ARKitScenes, `width height fx fy cx cy`.
+pub(super) const SIZED_EXTENSION: &str = "pincam";
+
+pub(super) const EXPECTED: &str =
+    "'fx fy cx cy' or a 3x3 camera matrix 'fx 0 cx / 0 fy cy / 0 0 1', in pixels";
+pub(super) const REMEDY: &str = "write the camera's intrinsics in one of these forms";
 
 /// Keys of a matrix of 9 or 16 numbers, or of `fx fy cx cy`: ROS, OpenCV, Open3D, Kalibr, ScanNet.
 const MATRIX: [&str; 14] = [
@@ -111,7 +111,8 @@ const DISTORTION: [&str; 11] = [
 /// Reads pinhole intrinsics.
 ///
 /// Plain numbers are `fx fy cx cy`, a 3×3 camera matrix or a 4×4 one (ScanNet), or `fx fy cx cy d0 …`
-/// with a distortion (TUM); commas and `#` comments are allowed. JSON is that of Open3D
+/// with a distortion (TUM), or `width height fx fy cx cy` (`.pincam` of ARKitScenes); commas and `#` comments are
+/// allowed. JSON is that of Open3D
 /// (`intrinsic_matrix`, by columns) or has `fx`, `fy`, `cx`, `cy`. YAML is that of a ROS `camera_info`
 /// or of ORB-SLAM, and `key = value` that of ScanNet.
 ///
@@ -139,9 +140,19 @@ pub(super) fn read_camera(path: &Path) -> Result<Camera> {
     }
     let bare = text.lines().flat_map(|l| words(l.split('#').next().unwrap_or("")));
     if let Some(numbers) = bare.map(parse_number).collect::<Option<Vec<f64>>>() {
-        let (intrinsics, distorted) = of_numbers(path, &numbers)?;
+        // Elsewhere six numbers may have the size first or last.
+        let sized = path.extension().is_some_and(|e| e == SIZED_EXTENSION);
+        let (size, numbers) = match numbers[..] {
+            [w, h, ref four @ ..]
+                if sized && four.len() == 4 && [w, h].iter().all(|v| *v >= 1.0 && v.fract() == 0.0) =>
+            {
+                (Some([w, h]), four)
+            }
+            _ => (None, &numbers[..]),
+        };
+        let (intrinsics, distorted) = of_numbers(path, numbers)?;
         let path = path.to_path_buf();
-        return Ok(Camera { path, intrinsics: Some(intrinsics), size: None, units_per_m: None, distorted });
+        return Ok(Camera { path, intrinsics: Some(intrinsics), size, units_per_m: None, distorted });
     }
     of_keys(path, &Keys::of_lines(text))
 }
@@ -237,58 +248,6 @@ fn of_matrix([fx, b, c, d, fy, f, g, h, i]: [f64; 9]) -> Result<Intrinsics, Stri
     } else {
         Err(format!("a matrix [{fx} {b} {c}; {d} {fy} {f}; {g} {h} {i}]"))
     }
-}
-
-impl Camera {
-    /// The intrinsics for images of this size, and what is worth saying of them.
-    ///
-    /// Pixel centres are at whole numbers, hence `cx' + ½ = s (cx + ½)` for images of `s` times the size.
-    ///
-    /// # Errors
-    /// [`Error::File`] where the file has none, or states a size of another shape.
-    pub(super) fn for_images(&self, width: usize, height: usize) -> Result<(Intrinsics, Vec<Note>)> {
-        let mut k = self
-            .intrinsics
-            .ok_or_else(|| Error::file(&self.path, "a calibration without intrinsics", EXPECTED, REMEDY))?;
-        let mut notes = Vec::new();
-        let actual = [width as f64, height as f64];
-        if let Some(stated) = self.size.filter(|s| *s != actual) {
-            if !same_aspect(stated, actual) {
-                let found = format!("intrinsics for images of {}x{} pixels", stated[0], stated[1]);
-                let expected = format!("those of images of {width}x{height} pixels, as the depth images are");
-                let remedy = "give the intrinsics of the depth camera with --intrinsics";
-                return Err(Error::file(&self.path, found, expected, remedy));
-            }
-            let [sx, sy] = [actual[0] / stated[0], actual[1] / stated[1]];
-            let (cx, cy) = (sx * (k.cx + 0.5) - 0.5, sy * (k.cy + 0.5) - 0.5);
-            k = Intrinsics { fx: sx * k.fx, fy: sy * k.fy, cx, cy };
-            notes.push(Note::info(format!(
-                "intrinsics for {}x{} pixels are scaled to depth images of {width}x{height}",
-                stated[0], stated[1]
-            )));
-        }
-        if self.distorted {
-            notes.push(Note::warning(
-                "the calibration states a lens distortion, which is not corrected: \
-                 undistort the depth images for exact points",
-            ));
-        }
-        // Intrinsics of the colour camera, or of images of another size.
-        if !(0.0..=actual[0]).contains(&k.cx) || !(0.0..=actual[1]).contains(&k.cy) {
-            notes.push(Note::warning(format!(
-                "the principal point ({}, {}) lies outside of depth images of {width}x{height} pixels: \
-                 check that the intrinsics are those of the depth camera",
-                k.cx, k.cy
-            )));
-        }
-        Ok((k, notes))
-    }
-}
-
-/// Whether two sizes have the same shape but for rounding.
-pub(super) fn same_aspect(a: [f64; 2], b: [f64; 2]) -> bool {
-    let ratio = (a[0] * b[1]) / (a[1] * b[0]);
-    (ratio - 1.0).abs() <= SAME_ASPECT
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ mod camera_search;
 mod color_image;
 mod frame;
 mod image;
+mod image_size;
 mod intrinsics;
 mod layout_lists;
 mod names;

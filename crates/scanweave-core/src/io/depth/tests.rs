@@ -358,3 +358,34 @@ fn names_tell_depth_from_other_images() {
     assert!(is_depth(Path::new(".tmprgbiKG/frame-1.depth.png")) && is_depth(Path::new("colorado/1.png")));
     assert!(!is_depth(Path::new("colors/1.png")) && !is_depth(Path::new("scan/frame-1.color.png")));
 }
+
+#[test]
+fn the_layouts_of_phones() {
+    // Stray Scanner: the matrix is of colour images 7.5 times as large, 1920x1440 for 256x192.
+    let matrix = b"1600.0, 0.0, 957.8\n0.0, 1600.0, 719.5\n0.0, 0.0, 1.0\n";
+    let image = depth_png((256, 192), &[2000; 256 * 192]);
+    let dir = folder(&[
+        ("s/depth/000000.png", &image),
+        ("s/camera_matrix.csv", matrix),
+        ("s/odometry.csv", b"timestamp, frame, x, y, z, qx, qy, qz, qw\n"),
+    ]);
+    let found = discover(&[dir.path().join("s").display().to_string()]).unwrap();
+    assert_eq!(found, [dir.path().join("s/depth/000000.png")]);
+    let (scan, notes) = read(&dir, "s/depth/000000.png");
+    assert!(notes.contains("warning: the principal point is that of images 7.5 times as large"), "{notes}");
+    // f = 1600/7.5; cx + 0.5 = (957.8 + 0.5)/7.5 and cy + 0.5 = (719.5 + 0.5)/7.5; at 2 m.
+    let first = Point::new(2.0 * (0.5 - 958.3 / 7.5) * 7.5 / 1600.0, 2.0 * (0.5 - 96.0) * 7.5 / 1600.0, 2.0);
+    assert!((scan.cloud.points[0] - first).norm() < 1e-5, "{}", scan.cloud.points[0]);
+    // ARKitScenes: width, height and four numbers for every image, a millisecond beside its time.
+    let dir = folder(&[
+        ("v/lowres_depth/4_10.500.png", &small()),
+        ("v/lowres_wide_intrinsics/4_10.501.pincam", b"4 2 8 8 3 0.5"),
+        ("v/lowres_wide_intrinsics/4_10.483.pincam", b"4 2 80 80 3 0.5"),
+    ]);
+    let (scan, notes) = read(&dir, "v/lowres_depth/4_10.500.png");
+    assert!(notes.contains("intrinsics for 4x2 pixels are scaled to depth images of 2x1"), "{notes}");
+    // f = 4, cx = 1.25, cy = 0: pixel 1 at 2 m.
+    assert!((scan.cloud.points[1] - Point::new(-0.125, 0.0, 2.0)).norm() < 1e-6, "{}", scan.cloud.points[1]);
+    let far = folder(&[("v/d/4_10.500.png", &small()), ("v/intrinsics/4_10.530.pincam", b"4 2 8 8 3 0.5")]);
+    assert!(read_in(&far, "v/d/4_10.500.png", &ReadOptions::default()).is_err());
+}

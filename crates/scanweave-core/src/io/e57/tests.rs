@@ -166,3 +166,28 @@ fn a_file_that_is_cut_short_is_an_error() {
         assert!(message.contains("a.e57: found an E57 file that cannot be decoded"), "{message}");
     }
 }
+
+#[test]
+fn an_empty_scan_beside_others_keeps_its_place() {
+    let pose = || Some(quarter_turn([1.0, 2.0, 3.0]));
+    let file = read(&XYZ_F64, vec![(pose(), vec![]), (pose(), vec![doubles(&[1.0, 2.0, 3.0]); 2])]);
+    assert_eq!(file.scans.iter().map(|s| s.cloud.len()).collect::<Vec<_>>(), [0, 2]);
+    assert!(file.scans[1].pose.is_some());
+}
+
+#[test]
+fn points_at_zero_are_no_returns_and_angles_may_go_around() {
+    // Scans without a field for invalid points have zeros in their place.
+    let rows =
+        [[0.0; 3], [431_250.0, 5_812_345.0, 100.0], [0.0; 3], [431_251.0, 5_812_345.0, 100.0], [0.0; 3]];
+    let file = read(&XYZ_F64, vec![(None, rows.iter().map(|row| doubles(row)).collect())]);
+    let cloud = &file.scans[0].cloud;
+    assert_eq!((cloud.len(), cloud.dropped_rows), (2, 3));
+    // The zeros must not keep the coordinates at a size that single precision cannot hold.
+    assert!((cloud.points[1] - cloud.points[0] - Vector3::new(1.0, 0.0, 0.0)).norm() < 1e-4);
+    let prototype =
+        [Record::SPHERICAL_AZIMUTH_F64, Record::SPHERICAL_ELEVATION_F64, Record::SPHERICAL_RANGE_F64];
+    let turned = [[-4.0 * FRAC_PI_2, 0.0, 3.0], [5.0 * FRAC_PI_2, 0.0, 2.0]];
+    let file = read(&prototype, vec![(None, turned.iter().map(|row| doubles(row)).collect())]);
+    assert!(near(&file.scans[0].cloud.points, &[[3.0, 0.0, 0.0], [0.0, 2.0, 0.0]]));
+}

@@ -119,3 +119,49 @@ fn sizes_that_a_header_only_claims_reserve_nothing() {
     let message = with_bytes(&path, table + 4, &u32::MAX.to_le_bytes());
     assert!(message.contains("4294967295 chunks, more than it has room for"), "{message}");
 }
+
+#[test]
+fn a_scale_that_leaves_nothing_of_the_coordinates_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    for (name, compressed) in KINDS {
+        for (bad, said) in [(0.0f64, "a scale of 0 "), (f64::NAN, "a scale of NaN ")] {
+            let path = write(dir.path(), name, compressed, (2, 2), false);
+            // The scales stand at byte 131, x first.
+            let message = with_bytes(&path, 131, &bad.to_le_bytes());
+            assert!(message.contains(said) && message.contains("for x"), "{message}");
+        }
+        // Along z nothing varies: some writers store a scale of zero, and the offset is the height.
+        let path = write(dir.path(), name, compressed, (2, 2), false);
+        let mut content = std::fs::read(&path).unwrap();
+        content[147..155].copy_from_slice(&0f64.to_le_bytes());
+        content[171..179].copy_from_slice(&12.5f64.to_le_bytes());
+        std::fs::write(&path, content).unwrap();
+        let cloud = read_cloud(&path).unwrap();
+        assert_eq!(f64::from(cloud.points[0].z) + cloud.origin_m.z, 12.5);
+    }
+}
+
+#[test]
+fn las_by_hand_of_version_1_0_and_with_bytes_that_nothing_describes() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.las");
+    // Version, format and length of the points, and two bytes before the points that 1.0 asks for.
+    for (minor, format, length, signature) in [(0u8, 1u8, 28u16, &[0xdd, 0xcc][..]), (2, 0, 24, &[])] {
+        let mut bytes = [b"LASF", &[0; 20][..], &[1, minor], &[0; 68], &227u16.to_le_bytes()].concat();
+        bytes.extend((227 + signature.len() as u32).to_le_bytes());
+        bytes.extend([&[0; 4][..], &[format], &length.to_le_bytes(), &2u32.to_le_bytes(), &[0; 20]].concat());
+        [0.01f64, 0.01, 0.01, 5e6, 5e5, 100.0].iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+        bytes.resize(227, 0);
+        bytes.extend(signature);
+        for raw in [[100i32, 200, -300], [400, 500, 600]] {
+            raw.iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+            bytes.extend(std::iter::repeat_n(0, usize::from(length) - 12));
+        }
+        std::fs::write(&path, &bytes).unwrap();
+        let cloud = read_cloud(&path).unwrap();
+        let back = |i: usize| cloud.points[i].coords.cast::<f64>() + cloud.origin_m;
+        assert_eq!(cloud.len(), 2, "1.{minor}");
+        assert!((back(0) - Vector3::new(5_000_001.0, 500_002.0, 97.0)).amax() < 1e-4, "{}", back(0));
+        assert!((back(1) - Vector3::new(5_000_004.0, 500_005.0, 106.0)).amax() < 1e-4, "{}", back(1));
+    }
+}

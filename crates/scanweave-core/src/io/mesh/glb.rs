@@ -13,7 +13,7 @@ pub(super) const MAGIC: &[u8] = b"glTF";
 const JSON: u32 = 0x4e4f_534a;
 const BIN: u32 = 0x004e_4942;
 const CUT_SHORT: &str = "copy or export the file again: it is cut short";
-const UNPACK: &str = "export it without compression (Draco, meshopt, quantization), or as PLY";
+const UNPACK: &str = "export it without compression (Draco, meshopt), or as PLY";
 
 /// The parts of the JSON chunk that lead to the positions.
 #[derive(Deserialize, Default)]
@@ -55,8 +55,8 @@ struct MeshEntry {
 #[serde(default)]
 struct Primitive {
     attributes: BTreeMap<String, usize>,
-    /// Points where it is zero, lines up to three, else triangles.
-    mode: Option<u32>,
+    /// Points where it is zero, lines up to three, else triangles. Some writers put a word there.
+    mode: Option<serde_json::Value>,
 }
 
 #[derive(Deserialize, Default)]
@@ -67,6 +67,7 @@ struct Accessor {
     component_type: u32,
     count: usize,
     r#type: String,
+    normalized: bool,
     sparse: Option<serde_json::Value>,
 }
 
@@ -201,7 +202,11 @@ struct Values<'a> {
     scalar: Scalar,
     stride: usize,
     count: usize,
+    normalized: bool,
 }
+
+/// Types of positions: floats, and those of KHR_mesh_quantization.
+const POSITIONS: [Scalar; 5] = [Scalar::F32, Scalar::I8, Scalar::U8, Scalar::I16, Scalar::U16];
 
 impl Values<'_> {
     fn three(&self, row: usize) -> [f64; 3] {
@@ -211,6 +216,19 @@ impl Values<'_> {
         };
         [number(0), number(1), number(2)]
     }
+
+    /// The same as fractions of the largest number, where they are to be taken so.
+    fn position(&self, row: usize) -> [f64; 3] {
+        let largest = match self.scalar {
+            _ if !self.normalized => return self.three(row),
+            Scalar::I8 => 127.0,
+            Scalar::U8 => 255.0,
+            Scalar::I16 => 32767.0,
+            Scalar::U16 => 65535.0,
+            _ => 1.0,
+        };
+        self.three(row).map(|v| (v / largest).max(-1.0))
+    }
 }
 
 impl<'a> Reader<'a> {
@@ -219,9 +237,9 @@ impl<'a> Reader<'a> {
         let mut taken = BTreeSet::new();
         for primitive in &mesh.primitives {
             let Some(&position) = primitive.attributes.get("POSITION") else { continue };
-            self.surfaces |= primitive.mode.unwrap_or(4) > 3;
+            self.surfaces |= primitive.mode.as_ref().is_none_or(|mode| mode.as_u64() > Some(3));
             let is_new = taken.insert(position);
-            let positions = self.values(position, &["VEC3"], &[Scalar::F32])?;
+            let positions = self.values(position, &["VEC3"], &POSITIONS)?;
             self.work += if is_new { positions.count } else { 0 } + 1;
             if self.work > self.limit {
                 let found = "a mesh that stands in the scene again and again";
@@ -233,7 +251,7 @@ impl<'a> Reader<'a> {
             }
             let before = self.xyz.len();
             self.xyz.extend((0..positions.count).map(|row| {
-                let point = world_from_node.transform_point(&Point3::from(positions.three(row)));
+                let point = world_from_node.transform_point(&Point3::from(positions.position(row)));
                 <[f64; 3]>::from(point.coords)
             }));
             let colors = primitive.attributes.get("COLOR_0");
@@ -261,14 +279,16 @@ impl<'a> Reader<'a> {
         let missing = || bad("that is not there", "an accessor for every attribute", CUT_SHORT);
         let accessor = self.document.accessors.get(index).ok_or_else(missing)?;
         let scalar = match accessor.component_type {
+            5120 => Some(Scalar::I8),
             5121 => Some(Scalar::U8),
+            5122 => Some(Scalar::I16),
             5123 => Some(Scalar::U16),
             5126 => Some(Scalar::F32),
             _ => None,
         };
         let scalar = scalar.filter(|s| types.contains(s)).ok_or_else(|| {
             let found = format!("of component type {}", accessor.component_type);
-            bad(&found, "positions as 32-bit floats (5126)", UNPACK)
+            bad(&found, "floats or whole numbers of at most 16 bits (5120 to 5123, 5126)", UNPACK)
         })?;
         if !shapes.contains(&accessor.r#type.as_str()) {
             return Err(bad(&format!("of type {}", accessor.r#type), &shapes.join(" or "), UNPACK));
@@ -292,7 +312,7 @@ impl<'a> Reader<'a> {
             let expected = format!("{} as its description says", accessor.count);
             return Err(bad(&format!("with {whole} values"), &expected, CUT_SHORT));
         }
-        Ok(Values { bytes, scalar, stride, count: accessor.count })
+        Ok(Values { bytes, scalar, stride, count: accessor.count, normalized: accessor.normalized })
     }
 
     fn into_mesh(self) -> Mesh {

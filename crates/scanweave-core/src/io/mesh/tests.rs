@@ -197,7 +197,7 @@ fn glb_that_is_packed_cut_or_hostile_says_so() {
     assert!(changed(r#""bufferView": 0, "#, "").contains("without compression"));
     let meshopt = r#""byteLength": 24, "extensions": {"EXT_meshopt_compression": {}}}"#;
     assert!(changed(r#""byteLength": 24}"#, meshopt).contains("without compression"));
-    assert!(changed("5126", "5122").contains("component type 5122"));
+    assert!(changed("5126", "5125").contains("component type 5125"));
     assert!(changed(r#"{"byteLength": 32}"#, r#"{"uri": "a.bin"}"#).contains("another file"));
     assert!(changed(r#""count": 2"#, r#""count": 18446744073709551615"#).contains("with 2 values"));
     assert!(
@@ -226,4 +226,28 @@ fn glb_that_is_packed_cut_or_hostile_says_so() {
     old[4] = 1;
     assert!(failure("a.glb", old).contains("version 1"));
     assert!(failure("a.gltf", plain).contains("export it as GLB"));
+}
+
+#[test]
+fn glb_positions_may_be_quantized_and_the_mode_a_word() {
+    let plain = scene(r#"{"mesh": 0, "scale": [2, 2, 2], "translation": [10, 0, 0]}"#)
+        .replace(r#", "COLOR_0": 1"#, "")
+        .replace(r#""byteLength": 24}"#, r#""byteLength": 16, "byteStride": 8}"#);
+    // Two rows of 16-bit numbers, each with two bytes of padding.
+    let rows = [[32767i16, -32768, 0, 9], [100, 0, -200, 9]];
+    let data: Vec<u8> = rows.iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
+    let short = plain.replacen("5126", "5122", 1);
+    assert_eq!(
+        cloud("a.glb", glb(&short, &data)).points,
+        points(&[[65544.0, -65536.0, 0.0], [210.0, 0.0, -400.0]])
+    );
+    let fractions = short.replacen("5122,", r#"5122, "normalized": true,"#, 1);
+    let read_cloud = cloud("a.glb", glb(&fractions, &data));
+    // -32768 is cut to -1.
+    assert_eq!(read_cloud.points[0], Point::new(12.0, -2.0, 0.0));
+    assert!((read_cloud.points[1] - Point::new(10.0 + 200.0 / 32767.0, 0.0, -400.0 / 32767.0)).norm() < 1e-6);
+    let word = scene(r#"{"mesh": 0}"#)
+        .replace(r#""POSITION": 0, "COLOR_0": 1}"#, r#""POSITION": 0}, "mode": "Points""#);
+    let file = read_as("a.glb", glb(&word, &two_points())).unwrap();
+    assert_eq!((file.scans[0].cloud.len(), file.notes.len()), (2, 0));
 }

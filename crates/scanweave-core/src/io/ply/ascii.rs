@@ -3,7 +3,7 @@
 use super::header::{Element, Header, Kind};
 use super::{Fields, Table, too_few, too_many};
 use crate::error::{Error, Result};
-use crate::io::scalar::{counted, parse_number};
+use crate::io::scalar::{counted, parse_between_blanks};
 use crate::scan::PointCloud;
 use std::path::Path;
 
@@ -30,7 +30,7 @@ pub(super) fn read(
         let last = &header.elements[header.elements.len() - 1];
         return Err(too_many(path, format!("{} after the {} rows", counted(more, "value"), last.name), last));
     }
-    Ok(table.into_cloud())
+    Ok(table.into_cloud(fields))
 }
 
 /// Walks over an element's rows, and fills `table` where it is given.
@@ -72,7 +72,7 @@ fn walk(
 }
 
 fn number(token: &[u8]) -> Option<f64> {
-    parse_number(std::str::from_utf8(token).ok()?)
+    parse_between_blanks(std::str::from_utf8(token).ok()?)
 }
 
 /// A row with a word where a number belongs. `start` is where the row begins.

@@ -6,6 +6,7 @@ use super::header::{Element, Header, Kind};
 use super::{ColorRange, Fields, Table, scalar_of, too_few, too_many};
 use crate::error::Result;
 use crate::io::scalar::{Endian, Scalar};
+use crate::io::scanner::without_zeros;
 use crate::scan::PointCloud;
 use crate::scan::assemble::{Attributes, assemble_with};
 use std::path::Path;
@@ -35,7 +36,7 @@ pub(super) fn read(
         None => {
             let mut table = Table::new(element, fields, data.len());
             let rest = walk(path, data, element, endian, Some(&mut table))?;
-            (table.into_cloud(), rest)
+            (table.into_cloud(fields), rest)
         }
     };
     // Some writers pad with zeros; anything else after the last element means that a count is wrong.
@@ -64,7 +65,7 @@ pub(super) fn fixed_rows(
     let color = fields.rgb.map(|f| f.map(place)).map(|rgb| {
         let channels = move |i: usize| rgb.map(|p| number(i, p));
         // Where all are read for their range they are not kept: three doubles are more than a point.
-        let range = ColorRange::of(rgb[0].0, (0..n).map(channels));
+        let range = ColorRange::of(fields.color, (0..n).map(channels));
         move |i: usize| range.bytes(channels(i))
     });
     let intensity = fields.intensity.map(place).map(|p| move |i: usize| number(i, p) as f32);
@@ -86,9 +87,21 @@ pub(super) fn fixed_rows(
                 |k: usize| f64::from(f32::from_le_bytes([row[k], row[k + 1], row[k + 2], row[k + 3]]));
             [float(0), float(4), float(8)]
         };
-        return assemble_with(n, at, &attributes, None);
+        return assembled(n, at, &attributes, fields);
     }
-    assemble_with(n, |i| xyz.map(|p| number(i, p)), &attributes, None)
+    assembled(n, |i| xyz.map(|p| number(i, p)), &attributes, fields)
+}
+
+fn assembled(
+    rows: usize,
+    xyz: impl Fn(usize) -> [f64; 3],
+    attributes: &Attributes<'_>,
+    fields: &Fields,
+) -> PointCloud {
+    match fields.drop_zeros {
+        true => assemble_with(rows, without_zeros(rows, xyz), attributes, None),
+        false => assemble_with(rows, xyz, attributes, None),
+    }
 }
 
 /// Walks over an element's rows, and fills `table` where it is given; returns what follows.

@@ -8,7 +8,7 @@ mod header;
 mod tests;
 
 use super::colors::bytes_per_unit;
-use super::fields::{INTENSITY, NORMAL, RGB, three, whole_number_note};
+use super::fields::{INTENSITY, NORMAL, Names, RGB, three, whole_number_note};
 use super::scalar::{Scalar, counted};
 use super::scan_file::{ReadOptions, ScanFile};
 use super::vertices::Vertices;
@@ -21,9 +21,27 @@ use std::path::Path;
 struct Fields {
     xyz: [usize; 3],
     rgb: Option<[usize; 3]>,
+    /// How the colour is written.
+    color: Color,
     intensity: Option<usize>,
     normal: Option<[usize; 3]>,
+    /// Whether several rows at zero are directions without a return; else rows keep their places.
+    drop_zeros: bool,
 }
+
+/// How the numbers of a colour are to be taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Color {
+    /// Channels of this type.
+    Channels(Scalar),
+    /// The constant term of spherical harmonics, as the Gaussians of a radiance field have it.
+    Harmonics,
+}
+
+/// The constant spherical harmonic, 1 / (2 sqrt(pi)).
+const HARMONIC_0: f64 = 0.282_094_791_773_878_14;
+/// Names of the constant terms of the colour of Gaussians.
+const HARMONICS: [Names; 3] = [&["f_dc_0"], &["f_dc_1"], &["f_dc_2"]];
 
 /// Reads the points (and colours, where there are any) of a PLY file's `bytes`.
 ///
@@ -32,7 +50,7 @@ struct Fields {
 pub(super) fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<ScanFile> {
     let (header, vertex) = parse(path, bytes)?;
     let element = &header.elements[vertex];
-    let fields = find_fields(path, element, options.attributes)?;
+    let fields = Fields { drop_zeros: true, ..find_fields(path, element, options.attributes)? };
     let note = whole_number_note(fields.xyz.map(|i| scalar_of(element.properties[i].kind)), options);
     let file: ScanFile = read_fields(path, bytes, &header, vertex, &fields)?.into();
     Ok(match note {
@@ -63,7 +81,8 @@ pub(super) fn read_property(path: &Path, bytes: &[u8], name: &str) -> Result<Vec
     };
     // The value stands for all three coordinates of a cloud, whose first one is then read.
     let xyz = [scalar(&header.elements[vertex], &[name]).ok_or_else(missing)?; 3];
-    let fields = Fields { xyz, rgb: None, intensity: None, normal: None };
+    let color = Color::Channels(Scalar::U8);
+    let fields = Fields { xyz, rgb: None, color, intensity: None, normal: None, drop_zeros: false };
     let cloud = read_fields(path, bytes, &header, vertex, &fields)?;
     if cloud.dropped_rows > 0 {
         let found = format!("{} rows whose {name} is no finite number", cloud.dropped_rows);
@@ -109,11 +128,20 @@ fn find_fields(path: &Path, vertex: &Element, attributes: bool) -> Result<Fields
         let remedy = "export the scan with coordinates";
         return Err(Error::file(path, found, "scalar properties x, y and z", remedy));
     };
+    let channels = three(RGB, find);
+    let harmonics = three(HARMONICS, find);
+    let color = match channels {
+        None if harmonics.is_some() => Color::Harmonics,
+        _ => Color::Channels(channels.map_or(Scalar::U8, |rgb| scalar_of(vertex.properties[rgb[0]].kind))),
+    };
     Ok(Fields {
         xyz,
-        rgb: three(RGB, find),
+        rgb: channels.or(harmonics),
+        color,
         intensity: find(INTENSITY).filter(|_| attributes),
-        normal: three(NORMAL, find).filter(|_| attributes),
+        // Gaussians have the fields of a normal, and zeros in them.
+        normal: three(NORMAL, find).filter(|_| attributes && harmonics.is_none()),
+        drop_zeros: false,
     })
 }
 
@@ -140,28 +168,29 @@ fn scalar_of(kind: Kind) -> Scalar {
     }
 }
 
-/// What colour channels of a type are divided by to give bytes.
+/// What takes the numbers of a colour to bytes.
 #[derive(Clone, Copy)]
 struct ColorRange {
-    /// Bytes a unit; `None` where the numbers are bytes.
-    scale: Option<f64>,
+    /// Bytes a unit, and of zero; `None` where the numbers are bytes.
+    line: Option<(f64, f64)>,
 }
 
 impl ColorRange {
-    /// Channels of a type; of floats, all are looked at for their range.
-    fn of(scalar: Scalar, all: impl Iterator<Item = [f64; 3]>) -> Self {
+    /// Of channels that are floats, all are looked at for their range.
+    fn of(color: Color, all: impl Iterator<Item = [f64; 3]>) -> Self {
         Self {
-            scale: match scalar {
-                Scalar::F32 | Scalar::F64 => Some(bytes_per_unit(all)),
-                Scalar::U16 => Some(257f64.recip()),
-                _ => None,
+            line: match color {
+                Color::Channels(Scalar::F32 | Scalar::F64) => Some((bytes_per_unit(all), 0.0)),
+                Color::Channels(Scalar::U16) => Some((257f64.recip(), 0.0)),
+                Color::Channels(_) => None,
+                Color::Harmonics => Some((255.0 * HARMONIC_0, 127.5)),
             },
         }
     }
 
     fn bytes(self, channels: [f64; 3]) -> [u8; 3] {
         // `as u8` saturates and takes NaN to zero.
-        channels.map(|v| self.scale.map_or(v as u8, |scale| (v * scale).round() as u8))
+        channels.map(|v| self.line.map_or(v as u8, |(slope, zero)| (v * slope + zero).round() as u8))
     }
 }
 
@@ -178,7 +207,6 @@ struct Table {
     row: [f64; COLUMNS],
     xyz: Vec<[f64; 3]>,
     rgb: Option<Vec<[f64; 3]>>,
-    rgb_scalar: Scalar,
     normal: Option<Vec<[f32; 3]>>,
     intensity: Option<Vec<f32>>,
 }
@@ -204,7 +232,6 @@ impl Table {
             row: [0.0; COLUMNS],
             xyz: Vec::with_capacity(rows),
             rgb: fields.rgb.map(|_| Vec::with_capacity(rows)),
-            rgb_scalar: fields.rgb.map_or(Scalar::U8, |rgb| scalar_of(element.properties[rgb[0]].kind)),
             normal: fields.normal.map(|_| Vec::with_capacity(rows)),
             intensity: fields.intensity.map(|_| Vec::with_capacity(rows)),
         }
@@ -230,11 +257,12 @@ impl Table {
         self.intensity.iter_mut().for_each(|all| all.push(intensity as f32));
     }
 
-    fn into_cloud(self) -> PointCloud {
+    fn into_cloud(self, fields: &Fields) -> PointCloud {
         let rgb = self.rgb.map(|values| {
-            let range = ColorRange::of(self.rgb_scalar, values.iter().copied());
+            let range = ColorRange::of(fields.color, values.iter().copied());
             values.into_iter().map(|c| range.bytes(c)).collect()
         });
-        Vertices { xyz: self.xyz, rgb, intensity: self.intensity, normal: self.normal }.into_cloud()
+        let vertices = Vertices { xyz: self.xyz, rgb, intensity: self.intensity, normal: self.normal };
+        if fields.drop_zeros { vertices.without_zeros().into_cloud() } else { vertices.into_cloud() }
     }
 }

@@ -99,3 +99,69 @@ fn whole_number_coordinates_are_taken_as_they_are_with_a_warning() {
     let floats = file(&head.replace("short", "float"), "1500 -20 3\n");
     assert!(read_ply(&floats, false).unwrap().notes.is_empty());
 }
+
+#[test]
+fn gaussians_have_the_colour_of_their_constant_harmonic_and_no_normal() {
+    let head = "element vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+                property float nx\nproperty float ny\nproperty float nz\n\
+                property float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\nproperty float opacity\n";
+    let rows = [
+        [1.0f32, 2.0, 3.0, 0.0, 0.0, 0.0, 0.0, 1.0, -1.0, 5.0],
+        [4.0, 5.0, 6.0, 0.0, 0.0, 0.0, 3.0, -3.0, 0.5, 5.0],
+        [7.0, 8.0, 9.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 5.0],
+    ];
+    let ascii = rows.map(|row| row.map(|v| v.to_string()).join(" ")).join("\n");
+    let mut binary = format!("ply\nformat binary_little_endian 1.0\n{head}end_header\n").into_bytes();
+    rows.iter().flatten().for_each(|v| binary.extend(v.to_le_bytes()));
+    for bytes in [file(head, &ascii), binary] {
+        let cloud = cloud(&bytes);
+        assert_eq!(cloud.points[1], Point::new(4.0, 5.0, 6.0));
+        // 255 (1/2 + f / (2 sqrt(pi))): 127.5 + 71.93 f, cut to a byte.
+        assert_eq!(cloud.colors, Some(vec![[128, 199, 56], [255, 0, 163], [128; 3]]));
+        assert_eq!(cloud.normals, None);
+    }
+    // A colour of its own comes first.
+    let both = head.replace("float opacity", "uchar red\nproperty uchar green\nproperty uchar blue");
+    let row = "1 2 3 0 0 0 1 1 1 7 8 9\n".repeat(3);
+    assert_eq!(cloud(&file(&both, &row)).colors, Some(vec![[7, 8, 9]; 3]));
+}
+
+#[test]
+fn vertices_are_found_among_elements_and_lists_of_every_kind() {
+    // Two range images of one vertex list, as the Stanford scans have it: the grid comes after the vertices.
+    let grid = "obj_info num_cols 2\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n\
+                element range_grid 4\nproperty list uchar int vertex_indices\n";
+    let scan = cloud(&file(grid, "1 2 3\n4 5 6\n0\n1 0\n0\n1 1\n"));
+    assert_eq!(scan.points, [Point::new(1.0, 2.0, 3.0), Point::new(4.0, 5.0, 6.0)]);
+    // A camera with fields of the same names before the vertices, and a list of varying length in each.
+    let mut bytes = b"ply\r\nformat binary_little_endian 1.0\r\nelement camera 1\r\nproperty double x\r\n\
+        property list uchar short red\r\nelement vertex 2\r\nproperty uchar red\r\nproperty float x\r\n\
+        property list uchar int view\r\nproperty float y\r\nproperty float z\r\nelement face 0\r\n\
+        property list ushort int vertex_indices\r\nend_header\r\n"
+        .to_vec();
+    bytes.extend([&9f64.to_le_bytes()[..], &[2, 1, 0, 1, 0]].concat());
+    for (first, views) in [(1.0f32, 0u8), (4.0, 2)] {
+        bytes.extend([&[10][..], &first.to_le_bytes(), &[views], &[7; 8][..4 * usize::from(views)]].concat());
+        bytes.extend([(first + 1.0).to_le_bytes(), (first + 2.0).to_le_bytes()].concat());
+    }
+    let scan = cloud(&bytes);
+    assert_eq!(scan.points, [Point::new(1.0, 2.0, 3.0), Point::new(4.0, 5.0, 6.0)]);
+    // A list of triangle strips that holds -1 between them, all in one row.
+    let strips = "element vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+                  element tristrips 1\nproperty list int int vertex_indices\n";
+    assert_eq!(cloud(&file(strips, "1 2 3\n5 0 0 0 -1 0\n")).len(), 1);
+}
+
+#[test]
+fn decimal_commas_missing_numbers_and_zeros_without_a_return() {
+    let head = "element vertex 5\nproperty float x\nproperty float y\nproperty float z\n";
+    let scan = cloud(&file(head, "-5,98402 558,628 3\n0 0 0\n-1.#IND 0 0\n-0 0 0\n1e-1 nan -2,5e1\n"));
+    assert_eq!(scan.points, [Point::new(-5.98402, 558.628, 3.0)]);
+    assert_eq!(scan.dropped_rows, 4);
+    assert!(failure(&file(head, "1,2,3 4 5\n")).contains("1,2,3 4 5"));
+    // Where rows are looked up by their place, all of them stay.
+    let two =
+        file("element vertex 2\nproperty float x\nproperty float y\nproperty float z\n", "0 0 0\n0 0 0\n");
+    assert_eq!(read_points(Path::new("a.ply"), &two).unwrap().len(), 2);
+    assert_eq!(read_property(Path::new("a.ply"), &two, "z").unwrap(), [0.0, 0.0]);
+}

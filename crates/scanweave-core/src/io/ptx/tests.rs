@@ -96,3 +96,32 @@ fn a_file_that_ends_early_or_is_no_grid_says_where() {
         assert!(message.contains(said), "{message}");
     }
 }
+
+#[test]
+fn decimal_commas_and_a_grid_larger_than_its_first_lines_say() {
+    let text = format!("2\n3\n{PLACE}{TURNED}{ROWS}");
+    let commas = read(&text.replace('.', ",")).unwrap();
+    assert_eq!(commas.scans[0].cloud.points, read(&text).unwrap().scans[0].cloud.points);
+    let message = read(&text.replacen("2\n3", "2\n2", 1)).unwrap_err().to_string();
+    assert!(message.contains("a further row in line 15 after all of scan 1"), "{message}");
+}
+
+#[test]
+fn a_grid_of_no_rows_is_left_out_beside_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ptx");
+    let empty = format!("0\n0\n{PLACE}{TURNED}");
+    let all = |text: String| {
+        std::fs::write(&path, text).unwrap();
+        let found = crate::io::discover::discover_with(&[path.display().to_string()], false).unwrap();
+        crate::io::read_inputs(&found, &ReadOptions::default(), false, &crate::monitor::Silent)
+    };
+    let inputs = all(format!("{empty}2\n3\n{PLACE}{TURNED}{ROWS}")).unwrap();
+    let scans: Vec<(&str, usize)> = inputs.scans.iter().map(|s| (s.name.as_str(), s.cloud.len())).collect();
+    // The number stays that of the file.
+    assert_eq!((scans, inputs.scans[0].part), (vec![("a#2", 4)], Some(1)));
+    assert!(inputs.notes[0].0.warning, "{:?}", inputs.notes);
+    assert_eq!(inputs.notes[0].0.text, "1 scan of the file without a point, left out: 1");
+    let message = all(empty.repeat(2)).unwrap_err().to_string();
+    assert!(message.contains("0 finite points of 0 rows in 2 scans"), "{message}");
+}

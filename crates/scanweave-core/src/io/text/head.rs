@@ -2,6 +2,7 @@
 
 use super::grammar::{Grammar, Separator};
 use super::names::{Meaning, Meaningless, Name, meaning};
+use super::thousands;
 use crate::error::{Error, Result};
 use crate::io::scalar::counted;
 use crate::printable::printable_start;
@@ -130,7 +131,7 @@ impl<'a> Survey<'a> {
 /// that do not fit, and for coordinates that are not x, y and z.
 pub(super) fn find(path: &Path, text: &str, grammar: &Grammar, told: bool) -> Result<Head> {
     let survey = Survey::of(text, grammar);
-    refuse_other_text(path, &survey, told)?;
+    refuse_other_text(path, &survey, grammar, told)?;
     if let Some((number, line)) = survey.damaged {
         return Err(bad_row(path, number, line, "a row of at least three numbers"));
     }
@@ -177,7 +178,7 @@ pub(super) fn find(path: &Path, text: &str, grammar: &Grammar, told: bool) -> Re
 }
 
 /// Refuses text that is no table of points, by its rows alone.
-fn refuse_other_text(path: &Path, survey: &Survey<'_>, told: bool) -> Result<()> {
+fn refuse_other_text(path: &Path, survey: &Survey<'_>, grammar: &Grammar, told: bool) -> Result<()> {
     let expected = "rows of coordinates x, y, z";
     let other = |found: String| {
         let remedy = "leave it out, or pass --columns x=…,y=…,z=… if its rows are points";
@@ -185,6 +186,9 @@ fn refuse_other_text(path: &Path, survey: &Survey<'_>, told: bool) -> Result<()>
     };
     if survey.words.iter().any(|l| l.trim_ascii_start().to_ascii_lowercase().starts_with("ncols ")) {
         return other("a grid of heights (ESRI ASCII)".to_owned());
+    }
+    if survey.rows < survey.others {
+        thousands::refuse(path, &survey.words, grammar)?;
     }
     if survey.rows == 0 {
         return other(match survey.most {
@@ -263,7 +267,9 @@ fn refusal(path: &Path, names: &[Name], why: &Meaningless) -> Error {
             "points",
             "pass poses by --poses, or --columns if the rows are points",
         ),
-        Meaningless::Table => Error::not_a_scan(path, format!("a table with {columns}"), expected, remedy),
+        Meaningless::Table | Meaningless::Vectors => {
+            Error::not_a_scan(path, format!("a table with {columns}"), expected, remedy)
+        }
         Meaningless::Spherical => Error::file(
             path,
             format!("ranges and angles: {columns}"),

@@ -15,10 +15,12 @@ mod names;
 mod rows;
 #[cfg(test)]
 mod tests;
+mod thousands;
 mod watch;
 
 use super::colors::channels_to_bytes;
 use super::scan_file::{Note, ReadOptions, ScanFile, StoredScan};
+use super::scanner::without_zeros;
 use crate::error::{Error, Result};
 use crate::scan::assemble::{Attributes, assemble_with};
 use columns::Columns;
@@ -112,7 +114,8 @@ fn scans(table: &Table, columns: &Columns, colors: Option<&[[u8; 3]]>) -> Vec<St
             intensity: intensity.map(|_| &strength as &dyn Fn(usize) -> f32),
             normal: columns.normal.map(|_| &direction as &dyn Fn(usize) -> [f32; 3]),
         };
-        let cloud = assemble_with(block.len(), |i| table.xyz[block.start + i], &attributes, None);
+        let xyz = without_zeros(block.len(), |i| table.xyz[block.start + i]);
+        let cloud = assemble_with(block.len(), xyz, &attributes, None);
         StoredScan { cloud, pose: None }
     };
     table.blocks.iter().map(one).collect()

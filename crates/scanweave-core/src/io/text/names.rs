@@ -172,6 +172,8 @@ pub(super) enum Meaningless {
     Geographic,
     /// Some of the coordinates and not all.
     Partial,
+    /// Three numbers along the axes that are no place, such as a rate of turn.
+    Vectors,
     /// Nothing of a point.
     Table,
 }
@@ -271,5 +273,15 @@ fn without_coordinates(names: &[Name]) -> Meaningless {
         return Meaningless::Geographic;
     }
     let axes = (0..3).filter(|axis| names.iter().any(|n| n.axis().is_some_and(|a| a.0 == *axis))).count();
-    if axes >= 2 { Meaningless::Partial } else { Meaningless::Table }
+    // Only names without blanks: in prose, axes stand beside other words too.
+    let vector = |axis: &str| {
+        names.iter().any(|n| {
+            n.words.len() > 1 && !n.text.contains(char::is_whitespace) && n.words.iter().any(|w| w == axis)
+        })
+    };
+    match axes {
+        2.. => Meaningless::Partial,
+        _ if ["x", "y", "z"].into_iter().all(vector) => Meaningless::Vectors,
+        _ => Meaningless::Table,
+    }
 }

@@ -140,7 +140,8 @@ fn separators_and_decimal_marks_by_the_whole_file() {
     }
     // Rows without a return stand before the first comma.
     let zeros = "0 0 0\n".repeat(3000) + &file("", |_, p| comma(p).join(" "));
-    assert_eq!(points(&good("a.xyz", zeros))[3000..], expected(1.0));
+    let read = good("a.xyz", zeros);
+    assert_eq!((points(&read), read.scans[0].cloud.dropped_rows), (expected(1.0).as_slice(), 3000));
     // Six numbers in any case: nothing says that a comma is a decimal mark, but it may be.
     let six = file("", |i, _| format!("{},2,{},4,5,6", i % 5, 7 * i % 11));
     let read = good("a.xyz", &six);
@@ -383,4 +384,36 @@ fn whole_numbers_are_probably_millimetres() {
     let said = with("a.xyz", whole(1000) + "2000 0 0\n", &options).unwrap();
     assert_eq!(notes(&said), "");
     assert_eq!(points(&said)[12], Point::new(2.0, 0.0, 0.0));
+}
+
+#[test]
+fn names_of_other_vectors_are_not_passed_over_in_a_comment() {
+    // What a lidar's own sensor of motion writes; read by place it would be a scan of millimetres.
+    let imu =
+        |head: &str| file(head, |i, [x, y, z]| format!("{x},{y},{z},0.01,{y},1.0,{}", 28908.48 + i as f64));
+    let message = no_scan(imu("//gyro_x,gyro_y,gyro_z,acc_x,acc_y,acc_z,time\n"));
+    assert!(message.contains("gyro_x") && message.contains("--columns"), "{message}");
+    assert!(no_scan(imu("gyro_x,gyro_y,gyro_z,acc_x,acc_y,acc_z,time\n")).contains("gyro_x"));
+    // Prose that mentions axes is none of these, nor are names of some of the columns.
+    for head in ["# x right, y up, z back\n", "# acc_x,acc_y,acc_z\n"] {
+        assert_eq!(points(&good("a.csv", imu(head))), expected(1.0), "{head}");
+    }
+}
+
+#[test]
+fn marks_between_thousands_are_named() {
+    for row in ["\"1,000.5\";\"-2,000.25\";\"3.5\"", "1.000,5;2.000,25;3,5", "1'000.5;-2'000.25;3.5"] {
+        let message = damaged(format!("{row}\n").repeat(20));
+        assert!(message.contains("thousands") && message.contains("000"), "{row}: {message}");
+    }
+    // Four digits in a group, or the same mark twice, are something else.
+    assert!(!no_scan("1,0000.5;2\n".repeat(20)).contains("thousands"));
+    assert!(!no_scan("1.000.5;2\n".repeat(20)).contains("thousands"));
+}
+
+#[test]
+fn several_rows_of_zeros_are_directions_without_a_return() {
+    let rows = file("0 0 0\n0.000 0.000 0.000\n", |_, p| p.join(" "));
+    let cloud = &good("a.xyz", rows).scans[0].cloud;
+    assert_eq!((cloud.points.as_slice(), cloud.dropped_rows), (expected(1.0).as_slice(), 2));
 }
