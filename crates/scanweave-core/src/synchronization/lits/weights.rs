@@ -7,6 +7,7 @@ use safetensors::tensor::{Dtype, TensorView};
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
+/// Its value is the format, a blank, and the digest of the weights, which early files of it lack.
 const META_KEY: &str = "scanweave-lits";
 const FORMAT_VERSION: &str = "1";
 
@@ -46,10 +47,15 @@ impl LitsWeights {
         };
         let foreign = |e: safetensors::SafeTensorError| wrong(format!("no whole safetensors file ({e})"));
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(foreign)?;
-        match header.metadata().as_ref().and_then(|m| m.get(META_KEY)) {
-            Some(version) if version == FORMAT_VERSION => {}
-            Some(version) => return Err(wrong(format!("format {version}"))),
-            None => return Err(wrong("a safetensors file of another kind".to_owned())),
+        let Some(stated) = header.metadata().as_ref().and_then(|m| m.get(META_KEY)) else {
+            return Err(wrong("a safetensors file of another kind".to_owned()));
+        };
+        let (version, checksum) = match stated.split_once(' ') {
+            Some((version, checksum)) => (version, Some(checksum)),
+            None => (stated.as_str(), None),
+        };
+        if version != FORMAT_VERSION {
+            return Err(wrong(format!("format {version}")));
         }
         let file = SafeTensors::deserialize(&bytes).map_err(foreign)?;
         let mut stored = BTreeMap::new();
@@ -59,7 +65,25 @@ impl LitsWeights {
             }
             stored.insert(name, (view.shape().to_vec(), floats(view.data())));
         }
-        Self::from_tensors(stored).map_err(wrong)
+        let weights = Self::from_tensors(stored).map_err(wrong)?;
+        match checksum {
+            Some(checksum) if checksum != weights.digest() => {
+                Err(wrong("weights that do not match their checksum".to_owned()))
+            }
+            _ => Ok(weights),
+        }
+    }
+
+    /// BLAKE3 of names and values, as a hex digest; shapes follow from the names.
+    fn digest(&self) -> String {
+        let mut hasher = blake3::Hasher::new();
+        for (name, values) in &self.tensors {
+            hasher.update(name.as_bytes());
+            values.iter().for_each(|v| {
+                hasher.update(&v.to_le_bytes());
+            });
+        }
+        hasher.finalize().to_hex().to_string()
     }
 
     /// The content of a file that [`load`](Self::load) reads.
@@ -83,7 +107,7 @@ impl LitsWeights {
             .map(|(name, (shape, data))| Ok((*name, TensorView::new(Dtype::F32, shape.clone(), data)?)))
             .collect::<std::result::Result<_, safetensors::SafeTensorError>>()
             .map_err(wrong)?;
-        let meta = HashMap::from([(META_KEY.to_owned(), FORMAT_VERSION.to_owned())]);
+        let meta = HashMap::from([(META_KEY.to_owned(), format!("{FORMAT_VERSION} {}", self.digest()))]);
         safetensors::serialize(views, Some(meta)).map_err(wrong)
     }
 
@@ -140,4 +164,39 @@ fn shape_of(name: &str) -> Option<Vec<usize>> {
 
 fn floats(bytes: &[u8]) -> Vec<f32> {
     bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bit_turned_over_is_noticed_and_files_without_a_checksum_are_read() {
+        let tensors = LAYERS.iter().flat_map(|(layer, inputs, outputs)| {
+            let values = |n: usize| (0..n).map(|k| k as f32 * 0.25).collect::<Vec<f32>>();
+            [
+                (format!("{layer}.weight"), (vec![*outputs, *inputs], values(inputs * outputs))),
+                (format!("{layer}.bias"), (vec![*outputs], values(*outputs))),
+            ]
+        });
+        let weights = LitsWeights::from_tensors(tensors.collect()).unwrap();
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("lits.safetensors");
+        let load = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            LitsWeights::load(&path)
+        };
+        let mut bytes = weights.to_bytes().unwrap();
+        assert_eq!(load(&bytes).unwrap(), weights);
+        *bytes.last_mut().unwrap() ^= 1;
+        let message = load(&bytes).unwrap_err().to_string();
+        assert!(message.contains("lits.safetensors") && message.contains("checksum"), "{message}");
+        // As files were written before: the format alone, and blanks in the place of the digest.
+        let digest = weights.digest();
+        let at = bytes.windows(64).position(|w| w == digest.as_bytes()).unwrap();
+        bytes[at - 1] = b'"';
+        bytes[at..at + 64].fill(b' ');
+        bytes[at + 64] = b' ';
+        assert!(load(&bytes).is_ok());
+    }
 }
