@@ -29,7 +29,7 @@ forbid() {
 }
 stages='io|preprocessing|descriptor|retrieval|registration|synchronization'
 above='config|result|pipeline|register'
-forbid "error monitor random owner atomic output_folder tensor_file" "geometry|scan|$stages|$above"
+forbid "error monitor random printable files owner atomic output_folder tensor_file" "geometry|scan|$stages|$above"
 forbid "geometry" "scan|$stages|$above"
 forbid "scan" "$stages|$above"
 for room in io preprocessing descriptor retrieval registration synchronization; do
