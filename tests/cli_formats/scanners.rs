@@ -4,7 +4,7 @@ use super::place::{SURVEY, View, pose, shift, surveyed, views};
 use super::registered::{CLOSE, Desk, difference, rigid};
 use nalgebra::{Matrix4, Point3};
 use scanweave::geometry::{Point, RigidMotion};
-use scanweave::io::{E57Scan, read_cloud, write_e57, write_las};
+use scanweave::io::{E57Scan, Held, Summary, read_cloud, write_e57, write_las};
 use scanweave::scan::PointCloud;
 use std::path::Path;
 
@@ -15,6 +15,13 @@ fn cloud(view: &View, origin: [f64; 3]) -> PointCloud {
     let local = |p: &[f64; 3]| Point::from([0, 1, 2].map(|k| (p[k] - origin[k]) as f32));
     let points = view.points.iter().map(local).collect();
     PointCloud { origin_m: origin.into(), ..PointCloud::from_points(points) }
+}
+
+/// A cloud as writers take it.
+fn held(cloud: PointCloud) -> (Summary, Held) {
+    let mut held = Held(cloud);
+    let summary = Summary::of(&mut held, &RigidMotion::identity(), &mut |_| Ok(())).unwrap();
+    (summary, held)
 }
 
 /// A block of PTX: the pose twice, as Leica Cyclone writes it, the second time as the transposed matrix. Every fortieth measurement has no return.
@@ -56,9 +63,10 @@ fn e57_with_three_scans_keeps_their_poses() {
     let site = pose([30.0, -12.0, 2.0], 70.0, [0.0; 2]);
     let stored = views.iter().enumerate().map(|(i, view)| {
         let world_from_scan = site * view.world_from_file;
-        Ok(E57Scan { name: format!("station {i}"), world_from_scan, cloud: cloud(view, [0.0; 3]) })
+        let (summary, held) = held(cloud(view, [0.0; 3]));
+        Ok(E57Scan { name: format!("station {i}"), world_from_scan, summary, blocks: Box::new(held) })
     });
-    write_e57(desk.path("project.e57"), stored).unwrap();
+    write_e57(desk.path("project.e57"), "three stations", stored).unwrap();
     let done = desk.register(&[]);
     done.agrees(&PARTS, &views, CLOSE);
     for (name, view) in PARTS.iter().zip(&views) {
@@ -105,7 +113,8 @@ fn las_and_laz_keep_the_coordinates_of_a_survey() {
     let (las_files, laz_files) = (Desk::new(), Desk::new());
     for (name, view) in NAMES.iter().zip(&views) {
         las_files.file(&format!("{name}.las"), las(view));
-        write_las(laz_files.path(&format!("{name}.laz")), &cloud(view, SURVEY), true).unwrap();
+        let (summary, mut held) = held(cloud(view, SURVEY));
+        write_las(laz_files.path(&format!("{name}.laz")), &summary, &mut held, true).unwrap();
     }
     for desk in [las_files, laz_files] {
         let done = desk.register(&[]);

@@ -1,8 +1,8 @@
 //! Numbers with marks between their thousands.
 
 use super::grammar::Grammar;
-use crate::printable::printable_start;
 use crate::error::{Error, Result};
+use crate::printable::printable_start;
 use std::path::Path;
 
 /// Refuses numbers with marks between their thousands, which leave it open what each mark means.
@@ -13,7 +13,8 @@ pub(super) fn refuse(path: &Path, lines: &[&str], grammar: &Grammar) -> Result<(
         // Where no line is one of numbers, the grammar says nothing.
         fields.extend(line.split([';', '\t', ' ']));
         if let Some(field) = fields.iter().find(|f| has_thousands(f)) {
-            let found = format!("numbers with marks between thousands, such as '{}'", printable_start(field, 24));
+            let found =
+                format!("numbers with marks between thousands, such as '{}'", printable_start(field, 24));
             let remedy = "export the scan without thousands separators";
             return Err(Error::file(path, found, "numbers with a decimal mark only", remedy));
         }

@@ -222,8 +222,10 @@ fn the_files_of_the_scans_are_never_written_over() {
         assert!(error.to_string().contains("s0.ply"), "{error}");
     }
     assert_eq!(std::fs::read(folder.path().join("s0.ply")).unwrap(), before);
-    // Another format has other files.
-    export(&document, folder.path(), ScanFormat::Pcd).unwrap();
+    // Other files beside the scans would be taken for more of them.
+    let error = export(&document, folder.path(), ScanFormat::Pcd).unwrap_err().to_string();
+    assert!(error.contains("the scans that were registered"), "{error}");
+    assert!(!folder.path().join("s0.pcd").exists());
     assert_eq!(std::fs::read(folder.path().join("s0.ply")).unwrap(), before);
 }
 
