@@ -85,10 +85,10 @@ fn a_pipe_in_the_place_of_a_file_is_not_waited_for() {
         return;
     }
     edit(&result, "/scans/1/file", pipe.to_str().unwrap().into());
-    run(&["report"], &result).success().stderr(contains("a pipe or device").and(contains("(s1)")));
+    run(&["report"], &result).success().stderr(contains("found a pipe").and(contains("(s1)")));
     let out = place.path().join("out");
     let export = ["export", "--export-scans", out.to_str().unwrap(), "--format", "ply"];
-    run(&export, &result).code(3).stderr(contains("pipe.ply: found a pipe or device"));
+    run(&export, &result).code(3).stderr(contains("pipe.ply: found a pipe"));
     for name in ["report.json", "config.toml", "poses.json"] {
         let (path, kept) = (result.join(name), result.join("kept"));
         std::fs::rename(&path, &kept).unwrap();

@@ -216,6 +216,7 @@ fn write_curves(path: &Path, records: &[mini_spin_net::Record]) -> Result<(), Er
 /// checkpoint to go on from.
 fn open(arguments: &RunOptions) -> Result<(FolderLock, bool), Error> {
     let folder = arguments.output();
+    let existed = folder.is_dir();
     let lock = FolderLock::take(folder)?;
     let held = [run_folder::BEST, run_folder::LAST].iter().any(|name| folder.join(name).exists());
     if held && !arguments.resume && !arguments.force {
@@ -225,7 +226,7 @@ fn open(arguments: &RunOptions) -> Result<(FolderLock, bool), Error> {
     let resume = arguments.resume && last.exists();
     if arguments.resume && !resume {
         // A folder without any checkpoint is that of a run which was stopped before its first.
-        if held || !folder.is_dir() {
+        if held || !existed {
             return Err(Error::file(
                 last,
                 "no such file",

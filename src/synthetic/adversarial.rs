@@ -162,7 +162,8 @@ mod tests {
 
     /// Share of the points of scan `b` within 5 cm of one of scan `a` at their true poses.
     fn overlap(set: &AdversarialSet, a: usize, b: usize) -> f64 {
-        let a_from_b = set.world_from_scan[a].inverse() * set.world_from_scan[b];
+        let world_from = |k: usize| set.world_from_scan[k] * set.scans[k].cloud.file_from_points();
+        let a_from_b = world_from(a).inverse() * world_from(b);
         let grid = RadiusGrid::new(&set.scans[a].cloud.points, 0.05);
         let points = &set.scans[b].cloud.points;
         let near = points.iter().filter(|p| grid.any(&(a_from_b * p.cast::<f64>()).cast())).count();

@@ -76,8 +76,8 @@ pub fn export_scans(
     let exports = exports(document, &reconstruction, folder, format)?;
     let mut files: Vec<PathBuf> = exports.iter().map(|e| e.file.clone()).collect();
     files.dedup();
-    refuse_files_of_scans(document, &files)?;
     refuse_inputs(document, folder)?;
+    refuse_files_of_scans(document, &files)?;
     if !replace && files.iter().any(|f| f.exists()) {
         return Err(Error::OutputExists { path: folder.to_path_buf() });
     }

@@ -217,9 +217,8 @@ fn the_files_of_the_scans_are_never_written_over() {
     let same = folder.path().join("new").join("..");
     std::fs::create_dir_all(folder.path().join("new")).unwrap();
     for out in [folder.path(), &same] {
-        let error = export(&document, out, ScanFormat::Ply).unwrap_err();
-        assert!(matches!(&error, Error::Setting { key, .. } if key == "export-scans"), "{error}");
-        assert!(error.to_string().contains("s0.ply"), "{error}");
+        let error = export(&document, out, ScanFormat::Ply).unwrap_err().to_string();
+        assert!(error.contains("the scans that were registered"), "{error}");
     }
     assert_eq!(std::fs::read(folder.path().join("s0.ply")).unwrap(), before);
     // Other files beside the scans would be taken for more of them.
