@@ -41,8 +41,8 @@ pub(in crate::io) fn open(path: &Path, options: &ReadOptions) -> Result<Option<B
     let Encoding::Binary(endian) = header.encoding else { return Ok(None) };
     let bytes =
         |element: &Element| element.stride().and_then(|s| (s as u64).checked_mul(element.count as u64));
-    let before = header.elements[..vertex].iter().map(bytes);
-    let start = before.fold(Some(header.data_start as u64), |sum, n| sum?.checked_add(n?));
+    let mut before = header.elements[..vertex].iter().map(bytes);
+    let start = before.try_fold(header.data_start as u64, |sum, n| sum.checked_add(n?));
     let element = header.elements[vertex].clone();
     let (Some(start), Some(stride), Some(length)) = (start, element.stride(), bytes(&element)) else {
         return Ok(None);
