@@ -5,6 +5,7 @@
 
 use crate::atomic::TEMPORARY;
 use crate::error::{Error, Result};
+use crate::files;
 use crate::owner::{self, Owner};
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, Write};
@@ -105,7 +106,7 @@ impl FolderLock {
     /// The lock of another user, which this one may not write: a killed run's is removed.
     fn remove_if_stale(&self, path: &Path) -> Result<()> {
         let refused = |e| Error::write(path, e);
-        let file = File::open(path).map_err(refused)?;
+        let file = files::open(path)?;
         match file.try_lock() {
             Ok(()) if is_at(&file, path) => fs::remove_file(path).map_err(refused),
             Ok(()) => Ok(()),
@@ -195,7 +196,7 @@ fn state(file: &mut File) -> io::Result<()> {
 fn stated(path: &Path) -> Option<Stated> {
     const MOST_BYTES: u64 = 4096;
     let mut bytes = Vec::new();
-    File::open(path).ok()?.take(MOST_BYTES).read_to_end(&mut bytes).ok()?;
+    files::open(path).ok()?.take(MOST_BYTES).read_to_end(&mut bytes).ok()?;
     let text = String::from_utf8_lossy(&bytes);
     let value = |key: &str| text.lines().find_map(|l| l.strip_prefix(key)?.strip_prefix(' '));
     Some(Stated {

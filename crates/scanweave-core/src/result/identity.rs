@@ -3,10 +3,10 @@
 use super::poses::Document;
 use super::run::RunReport;
 use crate::error::{Error, Result};
+use crate::files;
 use crate::io::merged_run;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::path::Path;
 
 /// The `run` of a `poses.json`.
@@ -31,7 +31,7 @@ pub fn run_id(document: &Document, settings: &str) -> String {
 /// Digests of `names` in `folder`.
 ///
 /// # Errors
-/// [`Error::Read`].
+/// Those of [`files::open`].
 pub fn digests(folder: &Path, names: impl IntoIterator<Item = String>) -> Result<BTreeMap<String, String>> {
     names.into_iter().map(|name| Ok((name.clone(), digest(&folder.join(name))?))).collect()
 }
@@ -39,7 +39,7 @@ pub fn digests(folder: &Path, names: impl IntoIterator<Item = String>) -> Result
 fn digest(path: &Path) -> Result<String> {
     let failed = |e| Error::read(path, e);
     let mut digest = blake3::Hasher::new();
-    digest.update_reader(File::open(path).map_err(failed)?).map_err(failed)?;
+    digest.update_reader(files::open(path)?).map_err(failed)?;
     Ok(digest.finalize().to_hex().to_string())
 }
 
