@@ -223,16 +223,24 @@ impl std::fmt::Display for Stated {
 
 /// Removes the temporary files of dead processes in a folder and in the folders in it.
 fn sweep(folder: &Path) {
-    let mut removed = sweep_one(folder);
-    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-        // A link leads to a folder that this run may have no business in.
-        if entry.file_type().is_ok_and(|t| t.is_dir()) {
-            removed += sweep_one(&entry.path());
-        }
-    }
+    let removed = sweep_below(folder, DEEPEST);
     if removed > 0 {
         tracing::info!("{}: removed {removed} temporary files of runs that were killed", folder.display());
     }
+}
+
+/// Folders in folders that runs write into: the cache, and data sets in it.
+const DEEPEST: usize = 2;
+
+fn sweep_below(folder: &Path, deepest: usize) -> usize {
+    let mut removed = sweep_one(folder);
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten().filter(|_| deepest > 0) {
+        // A link leads to a folder that this run may have no business in.
+        if entry.file_type().is_ok_and(|t| t.is_dir()) {
+            removed += sweep_below(&entry.path(), deepest - 1);
+        }
+    }
+    removed
 }
 
 fn sweep_one(folder: &Path) -> usize {

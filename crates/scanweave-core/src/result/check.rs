@@ -211,7 +211,7 @@ mod tests {
             ("/scans/1/id", json!(2), "id 2 in entry 1"),
             ("/scans/1/name", json!("s0"), "the name 's0' of scan 1 for a second time"),
             ("/scans/1/name", json!("../../s1"), "the name '../../s1' of scan 1"),
-            ("/scans/1/name", json!("/tmp/s1"), "the name '/tmp/s1' of scan 1"),
+            ("/scans/1/name", json!("/there/s1"), "the name '/there/s1' of scan 1"),
             ("/scans/1/name", json!(""), "the name '' of scan 1"),
             ("/scans/1/world_from_scan/0/0", json!(1.001), "a world_from_scan of scan 1"),
             ("/scans/1/world_from_scan/0/0", json!(-1.0), "a world_from_scan of scan 1"),
