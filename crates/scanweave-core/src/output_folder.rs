@@ -370,7 +370,7 @@ mod tests {
         // No process has the number 2³², less one; the first of any machine started before tick 2⁶⁰.
         let dead = format!("4294967295-7-{machine}");
         let reused = format!("{}-{}-{machine}", std::process::id(), 1u64 << 60);
-        for folder in ["", "cache"] {
+        for folder in ["", "cache", "cache/synth-1"] {
             let folder = place.path().join(folder);
             fs::create_dir_all(&folder).unwrap();
             for owner in [&dead, &reused, &here, "4294967295-7-00000000", "abc"] {
@@ -385,7 +385,8 @@ mod tests {
             ".scanweave-abc-x.part".to_owned(),
         ];
         left.sort();
-        assert_eq!(names(&place.path().join("cache")), left);
+        assert_eq!(names(&place.path().join("cache/synth-1")), left);
+        assert_eq!(names(&place.path().join("cache")).len(), 4);
         assert_eq!(names(place.path()).len(), 4);
     }
 }
