@@ -94,6 +94,38 @@ fn fragments_are_the_surface_in_the_frame_of_their_first_image() {
     assert_eq!(names(&one.join("PointCloud")).len(), 2);
 }
 
+/// Unit and intrinsics that the images do not say come from flags, and what is assumed is said.
+#[test]
+fn fuse_takes_the_unit_and_the_intrinsics_of_images() {
+    let place = folder();
+    walk(place.path());
+    let few = ["--frames-per-fragment", "4", "--step", "12", "--voxel", "0.04"];
+    let fuse = |name: &str, more: &[&str]| {
+        let output = place.path().join(name);
+        let done = run("fuse", place.path(), &output, &[&few[..], more].concat());
+        (done, output.join("PointCloud/cloud_bin_0.ply"))
+    };
+    let (assumed, first) = fuse("assumed", &[]);
+    assumed.success().stderr(contains("8 images: depth in millimetres"));
+    let points = std::fs::read(first).unwrap();
+
+    let away = place.path().join("away.yaml");
+    std::fs::rename(place.path().join("K.txt"), &away).unwrap();
+    fuse("none", &[]).0.code(3).stderr(contains("--intrinsics"));
+    let camera = std::fs::read_to_string(&away).unwrap();
+    let [fx, fy, cx, cy] = camera.split(' ').collect::<Vec<_>>()[..] else { panic!("{camera}") };
+    std::fs::write(&away, format!("fx: {fx}\nfy: {fy}\ncx: {cx}\ncy: {cy}\n")).unwrap();
+    let named = ["--intrinsics", away.to_str().unwrap(), "--depth-scale"];
+    let (same, first) = fuse("named", &[&named[..], &["1000"]].concat());
+    same.success().stderr(contains("images:").not());
+    assert!(std::fs::read(first).unwrap() == points);
+    // Half as deep: other surface.
+    let (half, first) = fuse("half", &[&named[..], &["2000"]].concat());
+    half.success();
+    assert!(std::fs::read(first).unwrap() != points);
+    fuse("zero", &[&named[..], &["0"]].concat()).0.code(4);
+}
+
 #[test]
 fn a_sample_forgets_the_order_and_keeps_the_poses() {
     let place = folder();

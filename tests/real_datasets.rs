@@ -12,7 +12,7 @@ use scanweave::geometry::voxel_means;
 use scanweave::geometry::{Point, RigidMotion};
 use scanweave::geometry::{PointIndex, RadiusGrid};
 use scanweave::io;
-use scanweave::preparation::fragments::fuse;
+use scanweave::preparation::fragments::{FragmentConfig, Notes, fuse};
 use scanweave::preparation::truth::{GroundTruth, TruthConfig};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -87,7 +87,8 @@ fn a_fragment_of_the_kitchen_lies_on_the_published_one() {
     let data = data();
     let walk = io::dataset::read_scene(data.join("7scenes")).unwrap();
     let poses = walk.world_from_scan.unwrap().value;
-    let ours = fuse(&walk.scans[..5], &poses[..5], &FusionConfig::default(), &Silent).unwrap();
+    let mut notes = Notes::new();
+    let ours = fuse(&walk.scans[..5], &poses[..5], &FragmentConfig::default(), &mut notes, &Silent).unwrap();
     let published = io::read_cloud(data.join("kitchen_raw/cloud_bin_0.ply")).unwrap();
     let back = distances(&published.points, &ours.points);
     let there = distances(&ours.points, &published.points);
@@ -112,9 +113,11 @@ fn fragments_of_a_walk_meet_where_they_overlap() {
     let data = data();
     let walk = io::dataset::read_scene(data.join("hololens")).unwrap();
     let poses = walk.world_from_scan.unwrap().value;
-    let config = FusionConfig { voxel_m: 0.01, truncation_m: 0.05, ..FusionConfig::default() };
+    let fusion = FusionConfig { voxel_m: 0.01, truncation_m: 0.05, ..FusionConfig::default() };
+    let config = FragmentConfig { fusion, ..FragmentConfig::default() };
     let fragment = |from: usize| {
-        let surface = fuse(&walk.scans[from..from + 10], &poses[from..from + 10], &config, &Silent).unwrap();
+        let (walk, poses) = (&walk.scans[from..from + 10], &poses[from..from + 10]);
+        let surface = fuse(walk, poses, &config, &mut Notes::new(), &Silent).unwrap();
         (voxel_means(&surface.points, 0.025), poses[from])
     };
     let ((a, world_from_a), (b, world_from_b)) = (fragment(0), fragment(10));

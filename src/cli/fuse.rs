@@ -1,11 +1,11 @@
 //! `scanweave fuse`.
 
-use super::options::ThreadOption;
-use super::options::refuse_walk;
+use super::options::{DepthOptions, ThreadOption, refuse_walk};
 use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
 use clap::Args;
 use scanweave::fusion::FusionConfig;
+use scanweave::io::ReadOptions;
 use scanweave::output_folder::FolderLock;
 use scanweave::preparation::fragments::{FragmentConfig, write_fragments};
 use std::path::PathBuf;
@@ -17,7 +17,7 @@ use std::path::PathBuf;
 /// PointCloud/cloud_bin_<i>.ply with cloud_bin_<i>.info.txt (true world_from_scan).
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Folder of 16-bit depth PNGs in millimetres, with camera intrinsics and a pose each.
+    /// Folder of 16-bit depth images with camera intrinsics and a pose each.
     #[arg(value_name = "WALK")]
     walk: PathBuf,
     /// Folder for the fragments.
@@ -48,6 +48,8 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value_t = FusionConfig::default().memory_mib)]
     memory: usize,
     #[command(flatten)]
+    depth: DepthOptions,
+    #[command(flatten)]
     threads: ThreadOption,
 }
 
@@ -59,9 +61,13 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     let _lock = FolderLock::take(&arguments.output)?;
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;
+    let mut reading = ReadOptions::default();
+    arguments.depth.lay_over(&mut reading);
+    reading.validate()?;
     let config = FragmentConfig {
         frames_per_fragment: arguments.frames_per_fragment,
         step: arguments.step.unwrap_or(arguments.frames_per_fragment),
+        reading,
         fusion: FusionConfig {
             voxel_m: arguments.voxel,
             truncation_m: arguments.truncation.unwrap_or(TRUNCATION_VOXELS * arguments.voxel),
@@ -70,7 +76,12 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
             memory_mib: arguments.memory,
         },
     };
-    let fragments = write_fragments(&arguments.walk, &arguments.output, arguments.force, &config, &progress)?;
+    let (fragments, notes) =
+        write_fragments(&arguments.walk, &arguments.output, arguments.force, &config, &progress)?;
+    for (note, images) in notes.iter().filter(|_| !verbosity.quiet) {
+        let kind = if note.warning { "warning" } else { "reading" };
+        terminal::tell(&format!("{kind}: {images} images: {}", note.text));
+    }
     for empty in fragments.iter().filter(|f| f.points == 0) {
         tracing::warn!("frames {} to {} show no surface: left out", empty.frames.start, empty.frames.end - 1);
     }

@@ -54,6 +54,25 @@ impl SettingOptions {
     }
 }
 
+/// What depth images do not say themselves.
+#[derive(Debug, Default, Args)]
+pub struct DepthOptions {
+    /// Units of depth images in a metre: 1000 for millimetres, 5000 for TUM RGB-D.
+    #[arg(long, value_name = "N")]
+    pub depth_scale: Option<f64>,
+    /// Intrinsics of depth images, where none lie beside them.
+    #[arg(long, value_name = "FILE")]
+    pub intrinsics: Option<PathBuf>,
+}
+
+impl DepthOptions {
+    /// Lays what the flags say over settings.
+    pub fn lay_over(&self, options: &mut ReadOptions) {
+        options.depth_units_per_m = self.depth_scale.or(options.depth_units_per_m);
+        options.intrinsics = self.intrinsics.clone().or_else(|| options.intrinsics.take());
+    }
+}
+
 /// What files of scans do not say themselves.
 #[derive(Debug, Default, Args)]
 #[command(next_help_heading = "Reading scans")]
@@ -65,12 +84,8 @@ pub struct FormatOptions {
     /// or what the file says.
     #[arg(long, value_name = "UNIT", value_parser = unit_m)]
     pub unit: Option<f64>,
-    /// Units of depth images in a metre: 1000 for millimetres, 5000 for TUM RGB-D.
-    #[arg(long, value_name = "N")]
-    pub depth_scale: Option<f64>,
-    /// Intrinsics of depth images, where none lie beside them.
-    #[arg(long, value_name = "FILE")]
-    pub intrinsics: Option<PathBuf>,
+    #[command(flatten)]
+    pub depth: DepthOptions,
     /// Most MiB that a packed file or image may unpack to. Default: 64 MiB and 100 times the size of the
     /// file up to 4 GiB, or 20 times its size where that is more.
     #[arg(long, value_name = "MIB")]
@@ -82,8 +97,7 @@ impl FormatOptions {
     pub fn apply(&self, options: &mut ReadOptions) -> scanweave::Result<()> {
         options.columns = self.columns.or(options.columns);
         options.unit_m = self.unit.or(options.unit_m);
-        options.depth_units_per_m = self.depth_scale.or(options.depth_units_per_m);
-        options.intrinsics = self.intrinsics.clone().or_else(|| options.intrinsics.take());
+        self.depth.lay_over(options);
         options.unpack_limit_mib = self.unpack_limit.or(options.unpack_limit_mib);
         options.validate()
     }

@@ -4,9 +4,10 @@ use crate::Monitor;
 use crate::fusion::{FusedSurface, FusionConfig, Volume};
 use crate::geometry::RigidMotion;
 use crate::io::write_dataset::SceneWriter;
-use crate::io::{self, PlyCloud};
+use crate::io::{self, Note, PlyCloud, ReadOptions};
 use crate::{Error, Result};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -19,13 +20,20 @@ pub struct FragmentConfig {
     pub frames_per_fragment: usize,
     /// Frames between the starts of fragments that follow each other.
     pub step: usize,
+    /// What the images do not say themselves: their unit and intrinsics.
+    pub reading: ReadOptions,
     /// How they are fused.
     pub fusion: FusionConfig,
 }
 
 impl Default for FragmentConfig {
     fn default() -> Self {
-        Self { frames_per_fragment: 50, step: 50, fusion: FusionConfig::default() }
+        Self {
+            frames_per_fragment: 50,
+            step: 50,
+            reading: ReadOptions::default(),
+            fusion: FusionConfig::default(),
+        }
     }
 }
 
@@ -37,6 +45,9 @@ pub struct Fragment {
     /// Its points; a fragment without one is not written.
     pub points: usize,
 }
+
+/// What images say of how they were read, and how many say it.
+pub type Notes = BTreeMap<Note, usize>;
 
 impl FragmentConfig {
     /// The frames of every fragment of a walk of `total` frames. A short rest at the end is left
@@ -57,7 +68,8 @@ impl FragmentConfig {
 }
 
 /// Fuses the depth images of the walk in `folder` into fragments and writes them, numbered in the
-/// order of the walk, with their poses in the 3DMatch layout into `output`.
+/// order of the walk, with their poses in the 3DMatch layout into `output`;
+/// with what is worth knowing of how the images were read.
 ///
 /// A fragment is in the frame of its first image's camera, as in 3DMatch (checked: the poses of
 /// its kitchen's fragments are those of the frames 0, 50, 100, …). Fragments are made one at a time, so that memory does not grow
@@ -72,7 +84,7 @@ pub fn write_fragments(
     replace: bool,
     config: &FragmentConfig,
     monitor: &dyn Monitor,
-) -> Result<Vec<Fragment>> {
+) -> Result<(Vec<Fragment>, Notes)> {
     config.fusion.validate()?;
     let scene = io::dataset::read_scene(folder)?;
     let poses = &scene.true_poses(folder)?.value;
@@ -80,9 +92,10 @@ pub fn write_fragments(
     let writer = SceneWriter::begin(output, replace)?;
     monitor.begin(STAGE, ranges.iter().map(Range::len).sum());
     let mut fragments = Vec::with_capacity(ranges.len());
+    let mut notes = Notes::new();
     for (number, frames) in ranges.into_iter().enumerate() {
         let files = &scene.scans[frames.clone()];
-        let surface = fuse(files, &poses[frames.clone()], &config.fusion, monitor)?;
+        let surface = fuse(files, &poses[frames.clone()], config, &mut notes, monitor)?;
         if !surface.points.is_empty() {
             let cloud =
                 PlyCloud { points: &surface.points, normals: Some(&surface.normals), ..PlyCloud::default() };
@@ -101,32 +114,37 @@ pub fn write_fragments(
         ));
     }
     writer.finish()?;
-    Ok(fragments)
+    Ok((fragments, notes))
 }
 
-/// Surface that depth images show, in the frame of the first one's camera.
+/// Surface that depth images show, in the frame of the first one's camera; what is worth knowing of how they
+/// were read is added to `notes`.
 ///
 /// # Errors
 /// An image that cannot be read, more surface than memory allows, or the user asked to stop.
 pub fn fuse(
     images: &[PathBuf],
     world_from_camera: &[RigidMotion],
-    config: &FusionConfig,
+    config: &FragmentConfig,
+    notes: &mut Notes,
     monitor: &dyn Monitor,
 ) -> Result<FusedSurface> {
+    let FragmentConfig { reading, fusion, .. } = config;
     let Some(first) = world_from_camera.first() else { return Ok(FusedSurface::default()) };
     let first_from_world = first.inverse();
     let mut volume = Volume::new(&FusionConfig {
         // Fewer images than asked for cannot see anything often enough.
-        min_observations: config.min_observations.min(images.len().max(1) as u32),
-        ..config.clone()
+        min_observations: fusion.min_observations.min(images.len().max(1) as u32),
+        ..fusion.clone()
     })?;
     let at_once = rayon::current_num_threads();
     for (files, poses) in images.chunks(at_once).zip(world_from_camera.chunks(at_once)) {
         monitor.check(STAGE)?;
-        let read: Vec<_> = files.par_iter().map(io::depth::read_frame).collect();
+        let read: Vec<_> = files.par_iter().map(|file| io::depth::read_frame(file, reading)).collect();
         for (image, world_from_camera) in read.into_iter().zip(poses) {
-            volume.integrate(&image?, &(first_from_world * world_from_camera))?;
+            let (image, told) = image?;
+            told.into_iter().for_each(|note| *notes.entry(note).or_default() += 1);
+            volume.integrate(&image, &(first_from_world * world_from_camera))?;
             monitor.advance(1);
         }
     }

@@ -10,15 +10,18 @@ use crate::registration::{PosedScan, ScanModel, refine_if_better};
 use crate::scan::{Outcome, Reconstruction, Scan, Surface, WorkingScale};
 use rayon::prelude::*;
 
-/// Finer surfaces must have so many times the points of the coarse ones: otherwise the scans hold little
-/// that registration has not seen, and narrower radii only leave out what holds them. With 1.2 fragments that
-/// were thinned before and sparse lidar scans lose; with 2 an object of 40 000 points a scan is left out.
+/// Finer surfaces must have so many times the points of the coarse ones where scans hang together in chains:
+/// otherwise they hold little that registration has not seen, and what bends each of them adds up along the
+/// chain as narrower weights follow it. With 1.2 fragments that were thinned before and sparse lidar scans
+/// lose; with 2 an object of 40 000 points a scan is left out.
 const WORTHWHILE: f64 = 1.6;
 
 /// A scan of a component: where it stands in the list of scans, its step, its pose.
 struct Member {
     scan: usize,
     step: usize,
+    /// Scans of the component that it overlaps.
+    overlapped: usize,
     /// Of the scan's own frame, in that of the pivot.
     pivot_from_local: RigidMotion,
 }
@@ -45,7 +48,7 @@ pub(super) fn refine(
     monitor.begin(STAGE, local.components());
     for component in 0..local.components() {
         monitor.check(STAGE)?;
-        let members = members_of(local, component);
+        let members = members_of(local, component, config.multiview_icp.min_overlap);
         if let Some(fine) = finer(&members, scans, frames, surfaces, scale, &config.fine_refinement) {
             refine_component(local, &members, &fine, scale, config, monitor)?;
         }
@@ -55,15 +58,21 @@ pub(super) fn refine(
     Ok(())
 }
 
-/// Scans of a component, the pivot first.
-fn members_of(local: &Reconstruction, component: usize) -> Vec<Member> {
+/// Scans of a component, the pivot first; those that overlap by at least `min_overlap` count as overlapped.
+fn members_of(local: &Reconstruction, component: usize, min_overlap: f64) -> Vec<Member> {
     let mut members: Vec<Member> = local
         .outcomes
         .iter()
         .enumerate()
         .filter_map(|(scan, outcome)| {
             let placement = outcome.placement().filter(|p| p.component == component)?;
-            Some(Member { scan, step: placement.step, pivot_from_local: placement.world_from_scan })
+            let overlapped = placement.neighbours.iter().filter(|n| n.overlap >= min_overlap).count();
+            Some(Member {
+                scan,
+                step: placement.step,
+                overlapped,
+                pivot_from_local: placement.world_from_scan,
+            })
         })
         .collect();
     members.sort_by_key(|m| (m.step, m.scan));
@@ -79,9 +88,12 @@ fn finer(
     scale: &WorkingScale,
     config: &FineRefinementConfig,
 ) -> Option<Vec<Surface>> {
+    // Where every two scans overlap, nothing adds up, and normals of smaller neighbourhoods bend less.
+    let all_overlap = members.iter().all(|m| m.overlapped + 1 >= members.len());
+    let worthwhile = if all_overlap { 0.0 } else { WORTHWHILE };
     let coarse: usize = members.iter().map(|m| surfaces[m.scan].len()).sum();
     let all: usize = members.iter().map(|m| scans[m.scan].cloud.len()).sum();
-    if (all as f64) < WORTHWHILE * coarse as f64 {
+    if (all as f64) < worthwhile * coarse as f64 {
         return None;
     }
     // Points of a surface grow with the square of the fineness.
@@ -100,7 +112,7 @@ fn finer(
     };
     let fine: Vec<Surface> = members.par_iter().map(thinned).collect();
     let points: usize = fine.iter().map(Surface::len).sum();
-    (points as f64 >= WORTHWHILE * coarse as f64).then_some(fine)
+    (points as f64 >= worthwhile * coarse as f64).then_some(fine)
 }
 
 fn refine_component(

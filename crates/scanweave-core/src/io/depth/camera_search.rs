@@ -121,7 +121,7 @@ fn nearest_in(folder: &Path, time_s: f64) -> Option<PathBuf> {
 
 fn missing(image: &Path, layout: Layout) -> Error {
     let expected = "K.txt, camera-intrinsics.txt, camera_intrinsic.json, camera_info.yaml or another \
-                    calibration beside it or one folder up";
+                    calibration beside it, one folder up, or two up from a folder 'depth'";
     let mut remedy = "write 'fx fy cx cy' in pixels to a file K.txt beside the images, \
                       or pass --intrinsics FILE"
         .to_owned();

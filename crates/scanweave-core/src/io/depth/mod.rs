@@ -59,18 +59,21 @@ pub(super) fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<S
     Ok(ScanFile { scans: vec![StoredScan { cloud, pose }], notes })
 }
 
-/// Reads a 16-bit depth image, with the intrinsics and the unit of depth found beside it.
+/// Reads a 16-bit depth image, with the intrinsics and the unit of depth of `options`, else those found beside
+/// it, and what is worth knowing of how it was read.
 ///
 /// # Errors
 /// Those of [`read_depth_png`] and [`find_intrinsics`].
-pub fn read_frame(path: impl AsRef<Path>) -> Result<scan::DepthImage> {
+pub fn read_frame(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(scan::DepthImage, Vec<Note>)> {
     let path = path.as_ref();
     let image = read_depth_png(path)?;
     let frame = Frame::of(path);
-    let camera = find_camera(path, &frame, None)?;
-    let (intrinsics, _) = camera.for_images(image.width, image.height)?;
-    let (units, _) = find_units(&frame, &camera, None)?;
-    Ok(image.to_metric(&intrinsics, units.per_m as f32))
+    let camera = find_camera(path, &frame, options.intrinsics.as_deref())?;
+    let (intrinsics, mut notes) = camera.for_images(image.width, image.height)?;
+    let (units, note) = find_units(&frame, &camera, options.depth_units_per_m)?;
+    notes.extend(note);
+    notes.extend(implausible(&image, units));
+    Ok((image.to_metric(&intrinsics, units.per_m as f32), notes))
 }
 
 /// A warning where an assumed unit gives depth that no depth camera sees.

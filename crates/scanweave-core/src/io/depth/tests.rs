@@ -93,7 +93,11 @@ fn the_unit_is_the_users_else_what_lies_beside_else_millimetres() {
     fs::remove_file(dir.path().join("depth_scale.txt")).unwrap();
     fs::write(dir.path().join("camera.json"), r#"{"depth_scale": 4000}"#).unwrap();
     assert_eq!(depths(&read(&dir, "depth/1.png").0), [0.25, 0.5]);
-    assert_eq!(read_frame(dir.path().join("depth/1.png")).unwrap().depth_m, [0.25, 0.5]);
+    let frame = |options: &ReadOptions| read_frame(dir.path().join("depth/1.png"), options).unwrap();
+    assert_eq!(frame(&ReadOptions::default()).0.depth_m, [0.25, 0.5]);
+    // What is asked for goes before, and then there is nothing to tell.
+    let (image, notes) = frame(&options);
+    assert_eq!((image.depth_m, notes), (vec![0.2, 0.4], vec![]));
 }
 
 #[test]

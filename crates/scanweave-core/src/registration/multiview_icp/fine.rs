@@ -1,7 +1,7 @@
 //! The last refinement, on surfaces thinned more finely than those that scans were joined by.
 
-use super::terms::{Sample, for_each_touch, overlapping_pairs, strides};
-use super::{PosedScan, refine_poses};
+use super::terms::{Kernel, Reach, Sample, for_each_touch, overlapping_pairs, strides};
+use super::{PosedScan, refine_with};
 use crate::error::Result;
 use crate::geometry::RigidMotion;
 use crate::monitor::Monitor;
@@ -13,7 +13,7 @@ const SHARPNESS: f64 = 3.0;
 
 /// Poses refined on the surfaces of `scans`, in their order, or `None` where these do not sit better on
 /// each other then: the sum of Tukey's weights of all distances must grow, at three times the root mean
-/// square distance that there was before. The first scan keeps its pose.
+/// square distance that there was before. Weights of distances reach as far as their spread tells. The first scan keeps its pose.
 ///
 /// `radius_m` is what the radii of the settings are multiples of.
 ///
@@ -26,12 +26,12 @@ pub fn refine_if_better(
     monitor: &dyn Monitor,
 ) -> Result<Option<Vec<RigidMotion>>> {
     let before: Vec<RigidMotion> = scans.iter().map(|s| s.world_from_scan).collect();
-    let after = refine_poses(scans, config, radius_m, monitor)?;
+    let after = refine_with(scans, config, radius_m, Kernel::Residuals, monitor)?;
     let samples: Vec<Sample> =
         scans.iter().map(|s| Sample::new(s.model.surface, config.points_per_scan)).collect();
     let pairs = overlapping_pairs(&samples, scans, &before, config.min_overlap, radius_m as f32);
     let strides = strides(&pairs, scans.len());
-    let finest = config.radii.last().copied().unwrap_or(1.0) * radius_m;
+    let finest = Reach::of_radius(config.radii.last().copied().unwrap_or(1.0) * radius_m);
     // Of every touching point its distance and the weight that it had in the refinement, by pairs.
     let distances = |poses: &[RigidMotion]| -> Vec<(f64, f64)> {
         let of_pair = |&pair: &(usize, usize)| {

@@ -24,7 +24,7 @@ use crate::geometry::RigidMotion;
 use crate::monitor::Monitor;
 use rayon::prelude::*;
 use system::gauss_newton_step;
-use terms::{PairTerm, Sample, overlapping_pairs, strides, term_of};
+use terms::{Kernel, PairTerm, Reach, Sample, overlapping_pairs, strides, term_of};
 
 /// Steps shorter than this many radii are the last.
 const SETTLED: f64 = 2e-3;
@@ -51,6 +51,17 @@ pub fn refine_poses(
     radius_m: f64,
     monitor: &dyn Monitor,
 ) -> Result<Vec<RigidMotion>> {
+    refine_with(scans, config, radius_m, Kernel::Radius, monitor)
+}
+
+/// [`refine_poses`] with a kernel.
+fn refine_with(
+    scans: &[PosedScan<'_>],
+    config: &MultiviewIcpConfig,
+    radius_m: f64,
+    kernel: Kernel,
+    monitor: &dyn Monitor,
+) -> Result<Vec<RigidMotion>> {
     let mut poses: Vec<RigidMotion> = scans.iter().map(|s| s.world_from_scan).collect();
     if scans.len() < 2 {
         return Ok(poses);
@@ -64,9 +75,11 @@ pub fn refine_poses(
         let strides = strides(&pairs, scans.len());
         for _ in 0..config.rounds {
             monitor.check("multiview_icp refinement")?;
+            let cutoff_m = kernel.cutoff_m(&pairs, &samples, scans, &poses, &strides, radius);
+            let reach = Reach { radius_m: radius, cutoff_m };
             let terms: Vec<PairTerm> = pairs
                 .par_iter()
-                .map(|&(i, j)| term_of((i, j), &samples, scans, &poses, &strides, radius, colour_m))
+                .map(|&(i, j)| term_of((i, j), &samples, scans, &poses, &strides, reach, colour_m))
                 .collect();
             let Some(largest_step) = gauss_newton_step(&pairs, &terms, &mut poses, radius_m) else { break };
             if largest_step < SETTLED * radius_m {

@@ -10,6 +10,70 @@ use crate::scan::Surface;
 use nalgebra::{Matrix6, Vector6};
 use rayon::prelude::*;
 
+/// Beyond which distances of points from planes count no more.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Kernel {
+    /// Tukey's biweight reaches as far as points look for counterparts.
+    Radius,
+    /// Tukey's biweight at [`TUKEY`] standard deviations of the distances as they are.
+    Residuals,
+}
+
+/// Tukey's biweight at so many standard deviations is 95 % efficient for Gaussian errors (Holland & Welsch 1977).
+const TUKEY: f64 = 4.685;
+/// Standard deviation of a Gaussian in units of its median absolute value.
+const DEVIATION_PER_MEDIAN: f64 = 1.4826;
+
+impl Kernel {
+    /// The distance, metres, at which weights become zero: at most `radius_m`.
+    pub(super) fn cutoff_m(
+        self,
+        pairs: &[(usize, usize)],
+        samples: &[Sample],
+        scans: &[PosedScan<'_>],
+        poses: &[RigidMotion],
+        strides: &[usize],
+        radius_m: f64,
+    ) -> f64 {
+        /// Every n-th of the points tells the spread well enough.
+        const THINNED: usize = 3;
+        if self == Self::Radius {
+            return radius_m;
+        }
+        let thinned: Vec<usize> = strides.iter().map(|s| THINNED * s).collect();
+        let reach = Reach::of_radius(radius_m);
+        let distances_of = |&pair: &(usize, usize)| {
+            let mut found = Vec::new();
+            for_each_touch(pair, samples, scans, poses, &thinned, reach, |t| found.push(t.r.abs()));
+            found
+        };
+        let distances: Vec<Vec<f64>> = pairs.par_iter().map(distances_of).collect();
+        let mut distances = distances.concat();
+        if distances.is_empty() {
+            return radius_m;
+        }
+        let middle = distances.len() / 2;
+        let (_, &mut median, _) = distances.select_nth_unstable_by(middle, f64::total_cmp);
+        let cutoff_m = TUKEY * DEVIATION_PER_MEDIAN * median;
+        // Points that lie on the planes of others to the last bit have no spread.
+        if cutoff_m > 0.0 { cutoff_m.min(radius_m) } else { radius_m }
+    }
+}
+
+/// How far points look for counterparts, and at which distance from their planes weights become zero, metres.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Reach {
+    pub(super) radius_m: f64,
+    pub(super) cutoff_m: f64,
+}
+
+impl Reach {
+    /// Weights reach as far as points look.
+    pub(super) fn of_radius(radius_m: f64) -> Self {
+        Self { radius_m, cutoff_m: radius_m }
+    }
+}
+
 /// An evenly strided part of a surface, whose points look for counterparts.
 pub(super) struct Sample {
     pub(super) points: Vec<Point>,
@@ -102,13 +166,13 @@ pub(super) fn term_of(
     scans: &[PosedScan<'_>],
     poses: &[RigidMotion],
     strides: &[usize],
-    radius_m: f64,
+    reach: Reach,
     colour_m: f64,
 ) -> PairTerm {
-    let mut term = pair_term((i, j), samples, scans, poses, strides, radius_m);
+    let mut term = pair_term((i, j), samples, scans, poses, strides, reach);
     let coloured = [i, j].iter().all(|&s| !scans[s].model.surface.intensities.is_empty());
     if colour_m > 0.0 && coloured {
-        add_intensities(&mut term, (i, j), samples, scans, poses, radius_m, colour_m);
+        add_intensities(&mut term, (i, j), samples, scans, poses, reach.radius_m, colour_m);
     }
     term
 }
@@ -120,10 +184,10 @@ pub(super) fn pair_term(
     scans: &[PosedScan<'_>],
     poses: &[RigidMotion],
     strides: &[usize],
-    radius_m: f64,
+    reach: Reach,
 ) -> PairTerm {
     let mut term = PairTerm::new();
-    for_each_touch(pair, samples, scans, poses, strides, radius_m, |Touching { h, r, w, .. }| {
+    for_each_touch(pair, samples, scans, poses, strides, reach, |Touching { h, r, w, .. }| {
         term.information += h * h.transpose() * w;
         term.gradient += h * (w * r);
         term.squared += w * r * r;
@@ -150,7 +214,7 @@ pub(super) fn for_each_touch(
     scans: &[PosedScan<'_>],
     poses: &[RigidMotion],
     strides: &[usize],
-    radius_m: f64,
+    Reach { radius_m, cutoff_m }: Reach,
     mut touching: impl FnMut(Touching),
 ) {
     // Points of i on the planes of j, and the other way round with the sign of h turned.
@@ -173,7 +237,7 @@ pub(super) fn for_each_touch(
             }
             let r = f64::from(n.dot(&(moved - model.surface.points[k])));
             // Tukey's biweight
-            let w = (1.0 - (r / radius_m).powi(2)).max(0.0).powi(2) * stride as f64;
+            let w = (1.0 - (r / cutoff_m).powi(2)).max(0.0).powi(2) * stride as f64;
             let x = poses[to] * moved.cast::<f64>();
             let n = poses[to].rotation * n.cast::<f64>();
             let m = x.coords.cross(&n);

@@ -50,12 +50,78 @@ fn scans_with_many_partners_are_compared_by_a_share_of_their_points_that_stands_
     let poses = [RigidMotion::identity(), moved];
     let scans = [0, 1].map(|k| PosedScan { model: &models[k], world_from_scan: poses[k] });
     let samples: Vec<Sample> = scans.iter().map(|s| Sample::new(s.model.surface, 1200)).collect();
-    let of = |strides: [usize; 2]| pair_term((0, 1), &samples, &scans, &poses, &strides, 0.07);
+    let of =
+        |strides: [usize; 2]| pair_term((0, 1), &samples, &scans, &poses, &strides, Reach::of_radius(0.07));
     let (all, some) = (of([1, 1]), of([2, 5]));
     let difference = (all.information - some.information).norm() / all.information.norm();
     // Strides meet the walls' grid unevenly; a share that stood for itself alone would be 0.5 off or more.
     assert!(difference < 0.25, "{difference}");
     assert!((all.weight - some.weight).abs() < 0.25 * all.weight);
+}
+
+/// A plane of `n × n` points a centimetre apart, each at its own height.
+fn plane(n: usize, height_m: impl Fn(usize) -> f32) -> Surface {
+    let at = |i: usize| Point::new((i % n) as f32 * 0.01, (i / n) as f32 * 0.01, height_m(i));
+    let points: Vec<Point> = (0..n * n).map(at).collect();
+    Surface { normals: vec![Direction::z(); points.len()], points, ..Surface::default() }
+}
+
+#[test]
+fn weights_reach_as_far_as_the_spread_of_the_distances_tells() {
+    // Heights 1 to 7 mm above or below, whose median absolute value is 4 mm, by turns; and one point of ten at 6 cm.
+    let height = |i: usize| match i % 10 {
+        9 => 0.06,
+        _ => 0.001 * (1 + i % 7) as f32 * if i % 2 == 0 { 1.0 } else { -1.0 },
+    };
+    let surfaces = [plane(40, |_| 0.0), plane(40, height)];
+    let models = surfaces.each_ref().map(model);
+    let scans = models.each_ref().map(|model| PosedScan { model, world_from_scan: RigidMotion::identity() });
+    let samples: Vec<Sample> = scans.iter().map(|s| Sample::new(s.model.surface, 1600)).collect();
+    let poses = [RigidMotion::identity(); 2];
+    let cutoff_m = |kernel: Kernel, radius_m: f64| {
+        kernel.cutoff_m(&[(0, 1)], &samples, &scans, &poses, &[1, 1], radius_m)
+    };
+    assert_eq!(cutoff_m(Kernel::Radius, 0.07), 0.07);
+    // 4.685 standard deviations of the Gaussian whose median absolute value is 4 mm; ties move it by one step.
+    let expected = 4.685 * 1.4826 * 0.004;
+    let found = cutoff_m(Kernel::Residuals, 0.07);
+    assert!((found / expected - 1.0).abs() < 0.26, "{found} {expected}");
+    // Never further than points look; and all of it where they have no spread or do not touch.
+    assert_eq!(cutoff_m(Kernel::Residuals, 0.02), 0.02);
+    let exact = [plane(40, |_| 0.0), plane(40, |_| 0.0)];
+    let models = exact.each_ref().map(model);
+    let exact = models.each_ref().map(|model| PosedScan { model, world_from_scan: RigidMotion::identity() });
+    let flat = [0, 0].map(|k| Sample::new(exact[k].model.surface, 1600));
+    assert_eq!(Kernel::Residuals.cutoff_m(&[(0, 1)], &flat, &exact, &poses, &[1, 1], 0.07), 0.07);
+    assert_eq!(Kernel::Residuals.cutoff_m(&[], &samples, &scans, &poses, &[1, 1], 0.07), 0.07);
+}
+
+#[test]
+fn what_moved_between_scans_does_not_pull_where_weights_reach_no_further_than_the_spread() {
+    // A corner exactly alike in both scans, but for a part of one wall that stands 2 cm in front of where it was:
+    // within the radius, far beyond the spread of the rest.
+    let still = corner(&RigidMotion::identity());
+    let mut moved = still.clone();
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    for (p, n) in moved.points.iter_mut().zip(&moved.normals) {
+        *p += n * rng.random_range(-0.002f32..0.002);
+        if n.x.abs() > 0.9 && p.z < 0.4 {
+            *p += n * 0.02;
+        }
+    }
+    let surfaces = [still, moved];
+    let models = surfaces.each_ref().map(model);
+    let scans = models.each_ref().map(|model| PosedScan { model, world_from_scan: RigidMotion::identity() });
+    let config = MultiviewIcpConfig { radii: vec![1.0], rounds: 8, ..MultiviewIcpConfig::default() };
+    let pulled = |kernel: Kernel| {
+        translation_error_m(
+            &refine_with(&scans, &config, 0.05, kernel, &Silent).unwrap()[1],
+            &RigidMotion::identity(),
+        )
+    };
+    let (radius, residuals) = (pulled(Kernel::Radius), pulled(Kernel::Residuals));
+    assert!(radius > 1e-3, "{radius}");
+    assert!(residuals < 0.2 * radius, "{residuals} {radius}");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! How certain refined poses are.
 
 use super::PosedScan;
-use super::terms::{Sample, Touching, for_each_touch, overlapping_pairs};
+use super::terms::{Reach, Sample, Touching, for_each_touch, overlapping_pairs};
 use crate::geometry::RigidMotion;
 use crate::geometry::sparse::BlockMatrix;
 use crate::registration::config::MultiviewIcpConfig;
@@ -36,7 +36,7 @@ pub fn pose_covariances(
     let samples: Vec<Sample> =
         scans.iter().map(|s| Sample::new(s.model.surface, config.points_per_scan)).collect();
     let pairs = overlapping_pairs(&samples, scans, &poses, config.min_overlap, radius_m as f32);
-    let finest = config.radii.last().copied().unwrap_or(1.0) * radius_m;
+    let finest = Reach::of_radius(config.radii.last().copied().unwrap_or(1.0) * radius_m);
     let every = vec![1; scans.len()];
     let observation_of = |&pair: &(usize, usize)| {
         let mut touching = Vec::new();
