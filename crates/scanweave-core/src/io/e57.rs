@@ -1,6 +1,7 @@
 //! E57 (terrestrial laser scans).
 
 pub(super) mod blocks;
+mod normals;
 
 use super::scan_file::{Note, ReadOptions, ScanFile, StoredScan};
 use super::scanner::{drop_implausible_viewpoint, drop_poses_that_say_nothing};
@@ -109,7 +110,11 @@ fn points<R: Read + Seek>(
     options: &ReadOptions,
 ) -> Result<PointCloud> {
     let mut cloud = PointCloud::default();
-    let invalid = each_block(path, reader, scan, options, usize::MAX, |all| {
+    let columns = normals::Columns::of(scan).filter(|_| options.attributes);
+    let held =
+        columns.map(|columns| columns.rows(path, reader, scan)?.collect::<Result<Vec<_>>>()).transpose()?;
+    let mut rows = held.map(|rows| -> normals::Rows<'_> { Box::new(rows.into_iter().map(Ok)) });
+    let invalid = each_block(path, reader, scan, options, rows.as_mut(), usize::MAX, |all| {
         cloud = all.without_zeros().into_cloud();
         Ok(())
     })?;
@@ -125,12 +130,14 @@ fn place_sensor(scan: &::e57::PointCloud, cloud: &mut PointCloud) {
     }
 }
 
-/// Hands the points of a scan to `take`, at most so many at a time, and returns how many are invalid.
+/// Hands the points of a scan to `take`, at most so many at a time, and returns how many are invalid; `normals`
+/// are those of all records.
 fn each_block<R: Read + Seek>(
     path: &Path,
     reader: &mut E57Reader<R>,
     scan: &::e57::PointCloud,
     options: &ReadOptions,
+    mut normals: Option<&mut normals::Rows<'_>>,
     most: usize,
     mut take: impl FnMut(Vertices) -> Result<()>,
 ) -> Result<usize> {
@@ -138,8 +145,10 @@ fn each_block<R: Read + Seek>(
     points.apply_pose(false);
     points.intensity_to_color(false);
     points.normalize_intensity(false);
+    let has_normals = normals.is_some();
     let empty = || Vertices {
         rgb: scan.has_color().then(Vec::new),
+        normal: has_normals.then(Vec::new),
         intensity: (options.attributes && scan.has_intensity()).then(Vec::new),
         ..Vertices::default()
     };
@@ -151,12 +160,14 @@ fn each_block<R: Read + Seek>(
             Err(::e57::Error::Internal { .. }) => continue,
             point => point.map_err(|e| damaged(path, &e))?,
         };
+        let normal = normals.as_mut().and_then(|rows| rows.next()).transpose()?;
         let CartesianCoordinate::Valid { x, y, z } = point.cartesian else {
             // No return in that direction.
             invalid += 1;
             continue;
         };
         block.xyz.push([x, y, z]);
+        block.normal.iter_mut().for_each(|all| all.push(normal.unwrap_or_default()));
         // Normalised to [0, 1] by the reader.
         let byte = |v: f32| (v * 255.0).round() as u8;
         let color = point.color.map_or([0; 3], |c| [byte(c.red), byte(c.green), byte(c.blue)]);

@@ -1,11 +1,13 @@
 //! Points of a scan of an E57 file, block by block.
 
+use super::normals::Columns;
 use super::{check, damaged, each_block, place_sensor};
 use crate::error::Result;
 use crate::files;
 use crate::io::blocks::{BLOCK_POINTS, PointBlocks, TakeBlock};
 use crate::io::scan_file::ReadOptions;
 use crate::io::scanner::drop_implausible_viewpoint;
+use crate::io::vertices::Vertices;
 use crate::scan::PointCloud;
 use ::e57::E57Reader;
 use std::fs::File;
@@ -25,11 +27,15 @@ pub(in crate::io) fn open(
     part: usize,
     options: &ReadOptions,
 ) -> Result<Option<Box<dyn PointBlocks>>> {
-    let file = BufReader::new(files::open(path)?);
-    let reader = E57Reader::new(file).map_err(|e| damaged(path, &e))?;
+    let reader = open_reader(path)?;
     let Some(scan) = reader.pointclouds().into_iter().nth(part) else { return Ok(None) };
     check(path, part, &scan)?;
     Ok(Some(Box::new(Rows { path: path.into(), reader, scan, options: options.clone() })))
+}
+
+fn open_reader(path: &Path) -> Result<E57Reader<BufReader<File>>> {
+    let file = BufReader::new(files::open(path)?);
+    E57Reader::new(file).map_err(|e| damaged(path, &e))
 }
 
 impl PointBlocks for Rows {
@@ -39,7 +45,16 @@ impl PointBlocks for Rows {
 
     fn for_each(&mut self, take: &mut TakeBlock<'_>) -> Result<()> {
         let Self { path, reader, scan, options } = self;
-        each_block(path, reader, scan, options, BLOCK_POINTS, |block| take(block.into_cloud()))?;
+        // Beside the points, by a reader of their own.
+        let columns = Columns::of(scan).filter(|_| options.attributes);
+        let opened = columns.map(|columns| Ok((columns, open_reader(path)?))).transpose()?;
+        let mut beside = None;
+        let mut normals = match opened {
+            Some((columns, other)) => Some(columns.rows(path, beside.insert(other), scan)?),
+            None => None,
+        };
+        let take = |block: Vertices| take(block.into_cloud());
+        each_block(path, reader, scan, options, normals.as_mut(), BLOCK_POINTS, take)?;
         Ok(())
     }
 

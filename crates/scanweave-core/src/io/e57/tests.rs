@@ -191,3 +191,67 @@ fn points_at_zero_are_no_returns_and_angles_may_go_around() {
     let file = read(&prototype, vec![(None, turned.iter().map(|row| doubles(row)).collect())]);
     assert!(near(&file.scans[0].cloud.points, &[[3.0, 0.0, 0.0], [0.0, 2.0, 0.0]]));
 }
+
+/// Normals are those of the extension, of the valid points alone; whole and in blocks the same.
+#[test]
+fn normals_of_the_extension_are_read() {
+    let named = |name: &str, data_type| Record {
+        name: RecordName::Unknown { namespace: "nor".to_owned(), name: name.to_owned() },
+        data_type,
+    };
+    let half = RecordDataType::ScaledInteger { min: -2, max: 2, scale: 0.5, offset: 0.0 };
+    let prototype = [
+        XYZ_F64.to_vec(),
+        vec![
+            Record {
+                name: RecordName::CartesianInvalidState,
+                data_type: RecordDataType::Integer { min: 0, max: 2 },
+            },
+            named("normalZ", RecordDataType::F32),
+            named("normalX", half),
+            named("normalY", RecordDataType::F64),
+        ],
+    ]
+    .concat();
+    let row = |xyz: [f64; 3], invalid: i64, [x, y, z]: [f64; 3]| {
+        let rest = [
+            RecordValue::Integer(invalid),
+            RecordValue::Single(z as f32),
+            RecordValue::ScaledInteger((2.0 * x) as i64),
+            RecordValue::Double(y),
+        ];
+        [doubles(&xyz), rest.to_vec()].concat()
+    };
+    let rows = vec![
+        row([1.0, 2.0, 3.0], 0, [0.0, 0.6, 0.8]),
+        row([9.0, 9.0, 9.0], 2, [1.0, 0.0, 0.0]),
+        row([-4.0, 5.0, 6.0], 0, [-0.5, 0.5, 0.0]),
+        row([-4.0, 5.0, 7.0], 0, [-1.0, 0.0, 0.0]),
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.e57");
+    let mut file = E57Writer::from_file(&path, "file").unwrap();
+    file.register_extension(::e57::Extension::new(
+        "nor",
+        "http://www.libe57.org/E57_NOR_surface_normals.txt",
+    ))
+    .unwrap();
+    let mut scan = file.add_pointcloud("scan", prototype).unwrap();
+    rows.into_iter().for_each(|row| scan.add_point(row).unwrap());
+    scan.finalize().unwrap();
+    file.finalize().unwrap();
+
+    let expected = [[0.0f32, 0.6, 0.8], [-0.5, 0.5, 0.0], [-1.0, 0.0, 0.0]].map(nalgebra::Vector3::from);
+    let with = ReadOptions { attributes: true, ..ReadOptions::default() };
+    let whole = read_file(&path, &with).unwrap();
+    let cloud = &whole.scans[0].cloud;
+    assert!(near(&cloud.points, &[[1.0, 2.0, 3.0], [-4.0, 5.0, 6.0], [-4.0, 5.0, 7.0]]));
+    assert_eq!(cloud.normals.as_deref(), Some(&expected[..]));
+    let mut blocks = super::blocks::open(&path, 0, &with).unwrap().unwrap();
+    let mut found = Vec::new();
+    blocks.for_each(&mut |block| Ok(found.extend(block.normals.unwrap()))).unwrap();
+    assert_eq!(found, expected);
+    // Registration does not need them.
+    let without = read_file(&path, &ReadOptions::default()).unwrap();
+    assert_eq!(without.scans[0].cloud.normals, None);
+}
