@@ -144,8 +144,8 @@ impl Agglomeration<'_> {
     ) -> Vec<MatchedPair> {
         let place: BTreeMap<ScanId, usize> =
             component.members.iter().enumerate().map(|(m, member)| (member.0, m)).collect();
-        self.pairs
-            .par_iter()
+        self.pairs_within(component)
+            .into_par_iter()
             .filter_map(|pair| {
                 let (&i, &j) = (place.get(&pair.i)?, place.get(&pair.j)?);
                 let i_from_j = component.members[i].1.inverse() * component.members[j].1;
