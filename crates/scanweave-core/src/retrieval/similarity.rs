@@ -14,48 +14,40 @@ const LANES: usize = 16;
 const STRETCH: usize = 16 * LANES;
 
 /// Squared Euclidean distance: summed in single precision over short stretches, these in double precision.
+#[inline(always)]
 pub(super) fn squared_distance(a: &[f32], b: &[f32]) -> f64 {
-    let [squared] = squared_of([a], b);
+    let mut squared = 0.0;
+    for (a, b) in a.chunks(STRETCH).zip(b.chunks(STRETCH)) {
+        let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+        let mut sums = [0.0f32; LANES];
+        for (a, b) in a.iter().zip(b) {
+            for lane in 0..LANES {
+                let d = a[lane] - b[lane];
+                sums[lane] += d * d;
+            }
+        }
+        let mut rest = 0.0;
+        for (x, y) in a_rest.iter().zip(b_rest) {
+            rest += (x - y) * (x - y);
+        }
+        squared += f64::from(sums.iter().sum::<f32>() + rest);
+    }
     squared
 }
 
-/// [`squared_distance`] of features, all of one length, from another one, to the last bit.
+/// [`squared_distance`] of features from another one, to the last bit, by the widest instructions that the
+/// processor has.
 pub(super) fn squared_distances(own: &[&[f32]], other: &[f32]) -> Vec<f64> {
-    /// Features whose sums grow at the same time: none waits for the one before.
-    const TOGETHER: usize = 4;
     let mut squared = Vec::with_capacity(own.len());
     pulp::Arch::new().dispatch(
         #[inline(always)]
         || {
-            let (fours, rest) = own.as_chunks::<TOGETHER>();
-            fours.iter().for_each(|four| squared.extend(squared_of(*four, other)));
-            rest.iter().for_each(|one| squared.extend(squared_of([*one], other)));
+            // A loop: a closure in here would be compiled for any processor.
+            for own in own {
+                squared.push(squared_distance(own, other));
+            }
         },
     );
-    squared
-}
-
-#[inline(always)]
-fn squared_of<const N: usize>(own: [&[f32]; N], other: &[f32]) -> [f64; N] {
-    let mut squared = [0.0; N];
-    for start in (0..other.len()).step_by(STRETCH) {
-        let stretch = start..other.len().min(start + STRETCH);
-        let (b, b_rest) = other[stretch.clone()].as_chunks::<LANES>();
-        let own = own.map(|a| a[stretch.clone()].as_chunks::<LANES>());
-        let mut sums = [[0.0f32; LANES]; N];
-        for (chunk, b) in b.iter().enumerate() {
-            for (sums, (a, _)) in sums.iter_mut().zip(&own) {
-                for lane in 0..LANES {
-                    let d = a[chunk][lane] - b[lane];
-                    sums[lane] += d * d;
-                }
-            }
-        }
-        for ((squared, sums), (_, a_rest)) in squared.iter_mut().zip(&sums).zip(&own) {
-            let rest = a_rest.iter().zip(b_rest).map(|(x, y)| (x - y) * (x - y));
-            *squared += f64::from(sums.iter().sum::<f32>() + rest.sum::<f32>());
-        }
-    }
     squared
 }
 
@@ -135,8 +127,7 @@ mod tests {
         let value = |i: usize, k: usize| ((i * 37 + k * 11) % 101) as f32 / 101.0 - 0.5;
         // Shorter than a chunk, a stretch and a bit, whole stretches.
         for len in [0, 3, 16, 256, 300, 512, 777] {
-            let features: Vec<Vec<f32>> =
-                (0..7).map(|i| (0..len).map(|k| value(i, k)).collect()).collect();
+            let features: Vec<Vec<f32>> = (0..7).map(|i| (0..len).map(|k| value(i, k)).collect()).collect();
             let own: Vec<&[f32]> = features.iter().map(Vec::as_slice).collect();
             let each: Vec<f64> = own.iter().map(|a| plain(a, own[3])).collect();
             assert_eq!(squared_distances(&own, own[3]), each, "{len}");

@@ -59,10 +59,13 @@ impl Agglomeration<'_> {
             }
         }
         let mut old = std::mem::take(&mut self.edges);
-        let made = between.into_iter().map(|(key, pairs)| match old.remove(&key) {
-            Some(edge) if edge.pairs == pairs => (key, edge),
-            _ => (key, self.edge(key, pairs)),
-        });
+        let known: Vec<_> = between
+            .into_iter()
+            .map(|(key, pairs)| (key, old.remove(&key).filter(|edge| edge.pairs == pairs), pairs))
+            .collect();
+        let made = known
+            .into_par_iter()
+            .map(|(key, known, pairs)| (key, known.unwrap_or_else(|| self.edge(key, pairs))));
         self.edges = made.collect();
     }
 

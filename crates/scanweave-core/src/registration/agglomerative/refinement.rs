@@ -85,7 +85,9 @@ impl Agglomeration<'_> {
             moved.push((id, self.moved(&self.components[&id].members, &component.members)));
             self.components.insert(id, component);
         }
-        moved.iter().for_each(|(id, scans)| self.rescore_edges(*id, scans));
+        // Most of thousands of scans alone, and their edges are not gone through for nothing.
+        let moved = moved.iter().filter(|(_, scans)| !scans.is_empty());
+        moved.for_each(|(id, scans)| self.rescore_edges(*id, scans));
         Ok(())
     }
 
