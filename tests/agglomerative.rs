@@ -589,7 +589,8 @@ fn evidence_is_measured_again_where_a_refinement_moved_scans() {
         let before = best(&mut agglomeration);
         agglomeration.refine_all(&Silent).unwrap();
         let after = best(&mut agglomeration);
-        let refined = agglomeration.finish(&Silent).unwrap().into_iter().map(|f| f.component.members).collect();
+        let refined =
+            agglomeration.finish(&Silent).unwrap().into_iter().map(|f| f.component.members).collect();
         assert_ne!(before, after);
         assert_eq!(after, best(&mut with(refined)));
     });

@@ -14,6 +14,7 @@ use crate::scan::{Reconstruction, ScanId};
 use moved::Moved;
 use serde::{Deserialize, Serialize};
 use source::Source;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Formats that scans are exported in.
@@ -81,8 +82,16 @@ pub fn export_scans(
     if !replace && files.iter().any(|f| f.exists()) {
         return Err(Error::OutputExists { path: folder.to_path_buf() });
     }
-    for parent in files.iter().filter_map(|f| f.parent()) {
+    let mut names: BTreeMap<&Path, Vec<String>> = BTreeMap::new();
+    for file in &files {
+        if let (Some(parent), Some(name)) = (file.parent(), file.file_name()) {
+            names.entry(parent).or_default().push(name.to_string_lossy().into_owned());
+        }
+    }
+    for (parent, names) in names {
         std::fs::create_dir_all(parent).map_err(|e| Error::write(parent, e))?;
+        // Before the files: what a killed run leaves are copies, too.
+        io::exported::note(parent, names)?;
     }
     let mut source = Source::new(options);
     let of = exports.len();
