@@ -187,6 +187,6 @@ mod tests {
         assert_eq!(unsealed(r#"{"a":1}"#).unwrap(), r#"{"a":1}"#);
         let text = sealed(r#"{"a":",\"metadata_blake3\":\""}"#);
         assert_eq!(unsealed(&text).unwrap(), r#"{"a":",\"metadata_blake3\":\""}"#);
-        assert!(unsealed(&text.replace("a", "b")).is_err());
+        assert!(unsealed(&text.replace("{\"a\"", "{\"b\"")).is_err());
     }
 }

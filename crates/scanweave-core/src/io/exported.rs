@@ -23,6 +23,20 @@ pub(crate) fn note(folder: &Path, names: impl IntoIterator<Item = String>) -> Re
     atomic::write(&folder.join(LIST), |out| out.write_all(text.as_bytes()))
 }
 
+/// Takes what is not there out of the list, which an export that failed would leave; without any file, the
+/// list goes.
+pub(crate) fn forget_missing(folder: &Path) {
+    let mut noted = exported(folder);
+    noted.retain(|name| folder.join(name).exists());
+    let list = folder.join(LIST);
+    if noted.is_empty() {
+        std::fs::remove_file(list).ok();
+    } else {
+        let text = serde_json::to_string_pretty(&noted).unwrap_or_default();
+        atomic::write(&list, |out| out.write_all(text.as_bytes())).ok();
+    }
+}
+
 /// Names of the exported scans in a folder; none where there is no list that can be read.
 pub(super) fn exported(folder: &Path) -> BTreeSet<String> {
     /// A list of a hundred thousand long names.
@@ -44,6 +58,12 @@ mod tests {
         note(folder.path(), names(&["b.ply", "a\n.ply"])).unwrap();
         note(folder.path(), names(&["b.ply", "c.las"])).unwrap();
         assert_eq!(exported(folder.path()), names(&["a\n.ply", "b.ply", "c.las"]));
+        std::fs::write(folder.path().join("b.ply"), "").unwrap();
+        forget_missing(folder.path());
+        assert_eq!(exported(folder.path()), names(&["b.ply"]));
+        std::fs::remove_file(folder.path().join("b.ply")).unwrap();
+        forget_missing(folder.path());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
         std::fs::write(folder.path().join(LIST), "[\"a").unwrap();
         assert!(exported(folder.path()).is_empty());
     }

@@ -132,10 +132,10 @@ mod tests {
         for other in ["ab13", "ab1", "ab123", ""] {
             assert!(matches!(read(&path, other), Err(Error::File { .. })), "{other}");
         }
-        // In the name of another array, in the settings and in the numbers.
+        // In the archive's list of arrays, in the settings and in the numbers.
         let bytes = std::fs::read(&path).unwrap();
         for at in [
-            bytes.windows(8).position(|w| w == b"settings"),
+            bytes.windows(8).rposition(|w| w == b"settings"),
             bytes.windows(4).position(|w| w == b"ab12"),
             Some(bytes.len() / 2),
         ] {
