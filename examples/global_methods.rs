@@ -134,7 +134,8 @@ fn scene(options: &Options, name: &str) -> Result<Vec<(usize, String, Line)>, Fa
     std::fs::create_dir_all(&folder)?;
     let given = match &options.features {
         Some(features) => {
-            let all = pipeline::read_features(&features.join(name), &scans, &Silent)?;
+            let all =
+                pipeline::read_features(&features.join(name), &scans, &io::ReadOptions::default(), &Silent)?;
             Some(all.iter().map(|f| subsample_features(f, options.keypoints, 0)).collect::<Vec<_>>())
         }
         None => None,

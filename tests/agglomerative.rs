@@ -197,7 +197,7 @@ fn beside<'a>(
 
 /// The component that a scan ended in, and the scan's evidence.
 fn end_of(agglomeration: Agglomeration<'_>, scan: usize) -> (Vec<(ScanId, RigidMotion)>, Evidence) {
-    let found = agglomeration.finish().into_iter().find_map(|f| {
+    let found = agglomeration.finish(&Silent).unwrap().into_iter().find_map(|f| {
         let at = f.component.members.iter().position(|m| m.0 == ScanId(scan))?;
         Some((f.component.members, f.member_evidence[at]))
     });
@@ -253,7 +253,7 @@ fn two_halves_join_at_the_true_relative_pose() {
         let join = agglomeration.best_join(&Silent).unwrap().unwrap();
         assert!(join.probability() > 0.9, "{}", join.probability());
         agglomeration.join(&join);
-        let finished = agglomeration.finish();
+        let finished = agglomeration.finish(&Silent).unwrap();
         assert_eq!(finished.len(), 1);
         let members = &finished[0].component.members;
         let frame = members[0].1 * places.world_from_local[members[0].0.0].inverse();
@@ -321,7 +321,7 @@ fn a_trial_refutes_a_rival_with_more_matches_that_nothing_makes_fit() {
         let at_once = agglomeration.best_join(&Silent).unwrap().unwrap();
         assert!(at_once.probability() < 0.95, "{}", agglomeration.describe(&at_once));
         assert!(agglomeration.join_by_trial(&Silent).unwrap());
-        let finished = agglomeration.finish();
+        let finished = agglomeration.finish(&Silent).unwrap();
         assert_eq!(finished.len(), 1);
         let members = &finished[0].component.members;
         let frame = members[0].1 * places.world_from_local[members[0].0.0].inverse();
@@ -350,7 +350,7 @@ fn all_trials_that_suffice_are_made_unless_they_share_a_component() {
         assert!(agglomeration.join_by_trial(&Silent).unwrap(), "{}", agglomeration.describe(&best));
         assert!(!agglomeration.join_by_trial(&Silent).unwrap());
         let mut sizes: Vec<usize> =
-            agglomeration.finish().iter().map(|f| f.component.members.len()).collect();
+            agglomeration.finish(&Silent).unwrap().iter().map(|f| f.component.members.len()).collect();
         sizes.sort_unstable();
         assert_eq!(sizes, [places.first - 4, 4]);
     });
@@ -589,7 +589,8 @@ fn evidence_is_measured_again_where_a_refinement_moved_scans() {
         let before = best(&mut agglomeration);
         agglomeration.refine_all(&Silent).unwrap();
         let after = best(&mut agglomeration);
-        let refined = agglomeration.finish().into_iter().map(|f| f.component.members).collect();
+        let refined =
+            agglomeration.finish(&Silent).unwrap().into_iter().map(|f| f.component.members).collect();
         assert_ne!(before, after);
         assert_eq!(after, best(&mut with(refined)));
     });

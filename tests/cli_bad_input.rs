@@ -76,6 +76,19 @@ fn files_that_are_no_scans_are_named() {
 }
 
 #[test]
+fn the_reason_of_the_system_is_told_once() {
+    let case = Case::new();
+    let assert = case.register(&[&case.path("missing.ply")]).assert().code(3);
+    let said = String::from_utf8_lossy(&assert.get_output().stderr).to_lowercase();
+    assert_eq!(said.matches("no such file").count(), 1, "{said}");
+    // Below a file nothing can be written.
+    let place = case.file("plain", "");
+    let run = scanweave().arg("register").args(&case.good).arg("-o").arg(place.join("out")).assert().code(5);
+    let said = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
+    assert_eq!(said.matches("(os error").count(), 1, "{said}");
+}
+
+#[test]
 fn one_scan_is_not_enough() {
     let case = Case::new();
     let result = case.path("result");

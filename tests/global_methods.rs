@@ -85,10 +85,12 @@ fn every_method_registers_a_room_and_registers_its_pairs_once() {
         assert_eq!(files.len(), 1, "one file of pairs for one kind of settings");
     }
     // A later process takes the pairs from the file: where all inliers are gone, no edge is left.
-    let mut kept = scanweave::io::pairs::read(&files[0]).unwrap();
+    let name = files[0].file_stem().unwrap().to_string_lossy().into_owned();
+    let settings = name.strip_prefix("pairs-").unwrap();
+    let mut kept = scanweave::io::pairs::read(&files[0], settings).unwrap();
     assert_eq!(kept.len(), 15);
     kept.values_mut().for_each(|(pair, _)| pair.inliers = 2);
-    scanweave::io::pairs::write(&files[0], &kept).unwrap();
+    scanweave::io::pairs::write(&files[0], settings, &kept).unwrap();
     let later = run(Method::Sghr, &PairCache::in_folder(&cache));
     assert!(later.pose_graph.unwrap().edges.is_empty());
     assert_eq!(later.reconstruction.placed(), 0);

@@ -4,8 +4,9 @@ use nalgebra::{Matrix6, Point3, Vector3};
 use proptest::prelude::*;
 use scanweave::geometry::RigidMotion;
 use scanweave::geometry::{rotation_error_rad, translation_error_m};
+use scanweave::io::ReadOptions;
 use scanweave::io::dataset::{read_benchmark, read_scene};
-use scanweave::io::features::{read_npz, read_sghr, write_npz};
+use scanweave::io::features::{read_npz, read_npz_with, read_sghr, write_npz};
 use scanweave::io::poses::*;
 use scanweave::io::read_cloud;
 use scanweave::scan::{Descriptors, Features, PointCloud, ScanId};
@@ -196,6 +197,21 @@ fn benchmark_joins_log_and_info() {
     fs::remove_file(dir.path().join("gt.info")).unwrap();
     save(&dir, "gt.log", format!("0 3 3\n{QUARTER}"));
     assert!(read_benchmark(dir.path()).unwrap_err().to_string().contains("'0 3 3'"));
+}
+
+#[test]
+fn features_unpack_to_no_more_than_the_options_say() {
+    let dir = folder();
+    let path = dir.path().join("a.npz");
+    // 100 000 keypoints of 12 bytes and descriptors of 4: 1.5 MiB.
+    let keypoints = (0..100_000).map(|i| [i as f32, 0.0, 0.0].into()).collect();
+    let features = Features::new(keypoints, None, Descriptors::new(1, vec![1.0; 100_000]).unwrap()).unwrap();
+    write_npz(&path, &features).unwrap();
+    let read =
+        |mib| read_npz_with(&path, &ReadOptions { unpack_limit_mib: Some(mib), ..ReadOptions::default() });
+    let message = read(1).unwrap_err().to_string();
+    assert!(message.contains("a.npz") && message.contains("input.unpack_limit_mib"), "{message}");
+    assert_eq!(read(2).unwrap().len(), 100_000);
 }
 
 #[test]

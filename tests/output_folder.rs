@@ -219,11 +219,109 @@ fn a_mixed_folder_is_declined_and_says_which_file() {
         }
         std::fs::write(one.join(file), kept).unwrap();
     }
+    // The pages: `report` makes them anew.
+    for file in ["report.html", "registration.html"] {
+        let kept = std::fs::read(one.join(file)).unwrap();
+        std::fs::copy(two.join(file), one.join(file)).unwrap();
+        for reader in &readers[1..] {
+            read(reader).code(3).stderr(contains(file).and(contains("different runs")));
+        }
+        scanweave().arg("report").arg(&one).assert().success();
+        read(&readers[2]).success();
+        std::fs::write(one.join(file), kept).unwrap();
+        read(&readers[2]).success();
+    }
     // A poses.json of an older version, which states no run.
     let mut old = json(one.join("poses.json"));
     old.as_object_mut().unwrap().remove("run");
     std::fs::write(one.join("poses.json"), old.to_string()).unwrap();
     read(&readers[2]).code(3).stderr(contains("report.json"));
+}
+
+/// The files of a result, but for those that tell the time that it took.
+fn content(result: &Path) -> Vec<(String, Vec<u8>)> {
+    let files = names(result).into_iter().filter(|n| result.join(n).is_file());
+    files.map(|n| (n.clone(), std::fs::read(result.join(n)).unwrap())).collect()
+}
+
+#[cfg(unix)]
+#[test]
+fn a_result_that_cannot_be_replaced_stays_whole() {
+    let place = folder();
+    let scans = synth(place.path(), 2);
+    let out = place.path().join("out");
+    assert!(register(&scans, &out, &["--trajectory", "tum"]).status().unwrap().success());
+    let old = content(&out);
+    let replace = |blocks: &str| {
+        Command::new("bash")
+            .args(["-c", "ulimit -f \"$3\"; exec \"$0\" register \"$1\" -o \"$2\" -q --force --seed 2"])
+            .arg(env!("CARGO_BIN_EXE_scanweave"))
+            .args([&scans, &out])
+            .arg(blocks)
+            .output()
+            .unwrap()
+    };
+    // Features and the merged cloud have room in it, the page has not: it comes late.
+    let page_kib = std::fs::metadata(out.join("report.html")).unwrap().len() / 1024;
+    let run = replace(&(page_kib * 9 / 10).to_string());
+    assert_eq!(code(&run), Some(5), "{run:?}");
+    assert!(said(&run).contains("out/report.html: cannot write it"), "{}", said(&run));
+    assert!(content(&out) == old, "{:?}", names(&out));
+    assert_eq!(litter(&out), Vec::<String>::new());
+    // A folder in the way of a late file.
+    std::fs::remove_file(out.join("registration.html")).unwrap();
+    std::fs::create_dir(out.join("registration.html")).unwrap();
+    let old = content(&out);
+    let run = replace("unlimited");
+    assert_eq!(code(&run), Some(5), "{run:?}");
+    assert!(said(&run).contains("out/registration.html: cannot write it"), "{}", said(&run));
+    assert!(content(&out) == old, "{:?}", names(&out));
+    std::fs::remove_dir(out.join("registration.html")).unwrap();
+    // Then it is replaced, and the trajectory of the old one is gone with it.
+    assert!(replace("unlimited").status.success());
+    assert!(!out.join("trajectory.tum").exists());
+    assert_ne!(json(out.join("poses.json"))["run"]["id"], serde_json::Value::Null);
+    scanweave().args(["export", "-q", "--trajectory", "tum"]).arg(&out).assert().success();
+    // What a killed run leaves between the old and the new one says what it is.
+    std::fs::remove_file(out.join("poses.json")).unwrap();
+    let mut export = scanweave();
+    let unfinished = contains("no poses.json, which is written last").and(contains("register again"));
+    export.args(["export", "--trajectory", "tum"]).arg(&out).assert().code(3).stderr(unfinished);
+}
+
+#[test]
+fn exported_scans_in_a_folder_of_the_result_are_not_taken_for_more_scans() {
+    let place = folder();
+    let scans = synth(place.path(), 2);
+    let out = scans.join("out");
+    assert!(register(&scans, &out, &["--recursive"]).status().unwrap().success());
+    let export = |format: &str, folder: &str| {
+        scanweave()
+            .args(["export", "-q", "--format", format, "--export-scans"])
+            .args([&out.join(folder), &out])
+            .assert()
+            .success();
+    };
+    export("ply", "moved");
+    export("las", "moved");
+    export("e57", "for others");
+    std::fs::write(out.join("for others/trajectory_1.csv"), "scan,x\na,1\n").unwrap();
+    // What somebody lays beside them is a scan.
+    std::fs::copy(scans.join("cloud_bin_0.ply"), out.join("moved/more.ply")).unwrap();
+    let run = register(&scans, &out, &["--recursive", "--force"]).output().unwrap();
+    assert!(run.status.success(), "{}", said(&run));
+    let registered: Vec<String> = json(out.join("poses.json"))["scans"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|scan| {
+            Path::new(scan["file"].as_str().unwrap()).file_name().unwrap().to_string_lossy().into_owned()
+        })
+        .collect();
+    assert_eq!(registered, ["cloud_bin_0.ply", "cloud_bin_1.ply", "more.ply"]);
+    // Who names their folder wants them.
+    let named = register(&out.join("moved"), &place.path().join("again"), &[]).output().unwrap();
+    assert!(named.status.success(), "{}", said(&named));
 }
 
 #[test]

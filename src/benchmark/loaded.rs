@@ -55,7 +55,9 @@ impl LoadedScene {
             SceneSource::Synthetic(seed) => made(dataset, *seed, &scene.name, monitor)?,
         };
         let given = match features_folder(dataset, data_root, &scene.name) {
-            Some(folder) => Some(pipeline::read_features(&folder, &scans, monitor)?),
+            Some(folder) => {
+                Some(pipeline::read_features(&folder, &scans, &io::ReadOptions::default(), monitor)?)
+            }
             None => None,
         };
         let overlap = match &truth.world_from_scan {

@@ -59,7 +59,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
         Some(place) => {
             config.descriptor.kind = DescriptorKind::Precomputed;
             config.descriptor.checkpoint = None;
-            Some(pipeline::read_features(place, &scans, &progress)?)
+            Some(pipeline::read_features(place, &scans, &config.input, &progress)?)
         }
         None => None,
     };

@@ -87,7 +87,7 @@ fn scene_rows(
         let expected = "truth.json, a pose file beside each scan, poses/, poses.txt or one .conf";
         return Err(Error::file(folder, "scans without true poses", expected, "name another folder").into());
     };
-    let scans = io::read_scans(&scene.scans, monitor)?;
+    let scans = io::read_scans_with(&scene.scans, &config.input, monitor)?;
     let source = arguments.cache.as_deref().map_or(FeatureSource::Computed, FeatureSource::Cached);
     let described = pipeline::describe(&scans, config, &source, monitor)?;
     let radius = arguments.overlap_radius as f32;

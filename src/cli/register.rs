@@ -81,7 +81,9 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
     folder.refuse_inputs(&scans)?;
     arguments.prior.give(&mut scans)?;
     let given = match &arguments.features {
-        Some(place) => Some(clock.time("features", || pipeline::read_features(place, &scans, &progress))?),
+        Some(place) => Some(
+            clock.time("features", || pipeline::read_features(place, &scans, &config.input, &progress))?,
+        ),
         None => None,
     };
     let cache = folder.cache();

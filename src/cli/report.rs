@@ -3,7 +3,7 @@
 use super::evaluate_truth::against_truth;
 use super::options::ThreadOption;
 use super::progress::Progress;
-use super::result_folder::{CONFIG, OVERLAP, PAGE, PROTOCOL, REPORT, load_poses, merged_files};
+use super::result_folder::{CONFIG, OVERLAP, PAGE, PROTOCOL, REPORT, load_poses_for_pages, merged_files};
 use super::{Status, Verbosity, terminal};
 use clap::Args;
 use rayon::prelude::*;
@@ -64,7 +64,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
         true => Some(FolderLock::take(folder)?),
         false => None,
     };
-    let poses = load_poses(folder)?;
+    let poses = load_poses_for_pages(folder)?;
     let report = RunReport::load(&folder.join(REPORT))?;
     let config_file = folder.join(CONFIG);
     let config = scanweave::files::read_text(&config_file)?;

@@ -26,11 +26,13 @@ pub const REPORT: &str = "report.json";
 pub const PAGE: &str = "report.html";
 pub const PROTOCOL: &str = "registration.html";
 
+const STAGE: &str = "writing the result";
+
 /// A folder that is, or is going to be, a result.
 pub struct ResultFolder {
     path: PathBuf,
     /// Other runs are kept out for as long as this value lives.
-    _lock: FolderLock,
+    lock: FolderLock,
 }
 
 /// The documents of a finished result.
@@ -47,7 +49,7 @@ impl ResultFolder {
         if path.join(POSES).exists() && !force {
             return Err(Error::OutputExists { path: path.to_path_buf() });
         }
-        Ok(Self { path: path.to_path_buf(), _lock: lock })
+        Ok(Self { path: path.to_path_buf(), lock })
     }
 
     /// The folder.
@@ -86,65 +88,28 @@ impl ResultFolder {
         self.path.join("cache")
     }
 
-    /// Writes everything; each file appears whole or not at all, and poses.json last.
+    /// Writes everything into a hidden folder beside the old result, and then puts it in its place,
+    /// poses.json last: until the new result is whole, the old one is.
     pub fn write(
         &self,
         scans: &[Scan],
         run: &Run,
         config: &Config,
         exports: &ExportOptions,
-        mut clock: Stopwatch,
+        clock: Stopwatch,
         monitor: &dyn Monitor,
     ) -> Result<Written> {
-        monitor.check("writing the result")?;
-        self.remove_old_result()?;
-        clock.stages.extend(run.timings.iter().cloned());
-        let mut poses = Document::new(scans, &run.reconstruction, run.scale.inlier_radius_m);
-        let settings = config.to_toml()?;
-        let id = identity::run_id(&poses, &settings);
-        clock.time("writing", || -> Result<()> {
-            let clouds = self.write_clouds(scans, run, config, &id)?;
-            self.write_text(OVERLAP, &overlaps::csv(&run.similarity, &poses))?;
-            let registration = export::Registration {
-                inlier_radius_m: run.scale.inlier_radius_m,
-                pose_graph: run.pose_graph.as_ref(),
-            };
-            exports.write(&self.path, &poses, &registration)?;
-            self.write_text(CONFIG, &settings)?;
-            let written = clouds.into_iter().chain([OVERLAP, CONFIG].map(str::to_owned));
-            let files = identity::digests(&self.path, written)?;
-            poses.run = Some(RunIdentity { id: id.clone(), files });
-            Ok(())
-        })?;
-        let mut report = report(scans, run, config, &poses, clock);
-        let mut clock = Stopwatch::default();
-        clock.time("page", || -> Result<()> {
-            let clouds: Vec<&PointCloud> = scans.iter().map(|s| &s.cloud).collect();
-            let page = html::page(&html::Input {
-                poses: &poses,
-                run: &report,
-                config: &settings,
-                similarity: Some(&run.similarity),
-                clouds: &clouds,
-                sources: &vec![html::PointSource::Scan; scans.len()],
-                surfaces: &run.surfaces,
-                frames: &run.frames,
-                truth: None,
-            })?;
-            self.write_text(PAGE, &page)?;
-            let reference = config.output.reference.as_deref();
-            let input = protocol::Input { poses: &poses, run: &report, reference };
-            self.write_text(PROTOCOL, &protocol::page(&input))
-        })?;
-        report.add_times(clock.stages);
-        self.write_text(REPORT, &report.to_json())?;
-        self.write_text(POSES, &poses.to_json())?;
-        Ok(Written { poses, report })
+        let staging = self.lock.stage()?;
+        let result = NewResult { place: staging.path(), scans, run, config, monitor };
+        let written = result.write(exports, clock).map_err(|e| staging.meant(e))?;
+        monitor.check(STAGE)?;
+        staging.publish(POSES, || self.remove_old_result(run.reconstruction.components()))?;
+        Ok(written)
     }
 
-    /// A result that is being replaced must not pass for whole meanwhile, nor leave the
-    /// files of components that the new one may not have.
-    fn remove_old_result(&self) -> Result<()> {
+    /// A result that is being replaced must not pass for whole meanwhile, nor leave the files of components
+    /// that the new one, which has `components`, does not replace.
+    fn remove_old_result(&self, components: usize) -> Result<()> {
         let remove = |name: &str| {
             let path = self.path.join(name);
             match std::fs::remove_file(&path) {
@@ -154,29 +119,99 @@ impl ResultFolder {
         };
         // Files for other programs go first, and only with a result: without one, an images.txt is not ours.
         if self.path.join(POSES).exists() {
-            remove_each(&export::files, &remove)?;
+            remove_each(0, &export::files, &remove)?;
         }
         remove(POSES)?;
-        remove(PAGE)?;
-        remove(PROTOCOL)?;
-        let of_component = |component| match component {
-            // Those of the first component are replaced.
-            0 => Vec::new(),
-            n => [("trajectory", "log"), ("merged", "ply")].map(|(s, e)| numbered(s, n, e)).to_vec(),
-        };
-        remove_each(&of_component, &remove)
+        let of_component =
+            |n| [("trajectory", "log"), ("merged", "ply")].map(|(s, e)| numbered(s, n, e)).to_vec();
+        remove_each(components.max(1), &of_component, &remove)
+    }
+}
+
+/// A result on its way into the folder `place`.
+struct NewResult<'a> {
+    place: &'a Path,
+    scans: &'a [Scan],
+    run: &'a Run,
+    config: &'a Config,
+    monitor: &'a dyn Monitor,
+}
+
+impl NewResult<'_> {
+    fn write(&self, exports: &ExportOptions, mut clock: Stopwatch) -> Result<Written> {
+        let Self { place, scans, run, config, monitor } = *self;
+        monitor.check(STAGE)?;
+        clock.stages.extend(run.timings.iter().cloned());
+        let mut poses = Document::new(scans, &run.reconstruction, run.scale.inlier_radius_m);
+        let settings = config.to_toml()?;
+        let id = identity::run_id(&poses, &settings);
+        clock.time("writing", || -> Result<()> {
+            let clouds = self.write_clouds(&id)?;
+            self.write_overlaps(&poses)?;
+            let registration = export::Registration {
+                inlier_radius_m: run.scale.inlier_radius_m,
+                pose_graph: run.pose_graph.as_ref(),
+            };
+            exports.write(place, &poses, &registration)?;
+            self.write_text(CONFIG, &settings)?;
+            let written = clouds.into_iter().chain([OVERLAP, CONFIG].map(str::to_owned));
+            let files = identity::digests(place, written)?;
+            poses.run = Some(RunIdentity { id: id.clone(), files });
+            Ok(())
+        })?;
+        let mut report = report(scans, run, config, &poses, clock);
+        let mut clock = Stopwatch::default();
+        clock.time("page", || self.write_pages(&poses, &report, &settings))?;
+        report.add_times(clock.stages);
+        self.write_text(REPORT, &report.to_json())?;
+        self.write_text(POSES, &poses.to_json())?;
+        Ok(Written { poses, report })
+    }
+
+    fn write_pages(&self, poses: &Document, report: &RunReport, settings: &str) -> Result<()> {
+        let Self { scans, run, config, monitor, .. } = *self;
+        monitor.check(STAGE)?;
+        let clouds: Vec<&PointCloud> = scans.iter().map(|s| &s.cloud).collect();
+        let page = html::page(&html::Input {
+            poses,
+            run: report,
+            config: settings,
+            similarity: Some(&run.similarity),
+            clouds: &clouds,
+            sources: &vec![html::PointSource::Scan; scans.len()],
+            surfaces: &run.surfaces,
+            frames: &run.frames,
+            truth: None,
+        })?;
+        monitor.check(STAGE)?;
+        self.write_text(PAGE, &page)?;
+        let reference = config.output.reference.as_deref();
+        let input = protocol::Input { poses, run: report, reference };
+        self.write_text(PROTOCOL, &protocol::page(&input))
+    }
+
+    fn write_overlaps(&self, poses: &Document) -> Result<()> {
+        let Self { run, monitor, .. } = *self;
+        let written = io::atomic::write(&self.place.join(OVERLAP), |out| {
+            overlaps::write_csv(out, &run.similarity, poses, monitor)
+        });
+        // A user who asks to stop is no failure to write.
+        monitor.check(STAGE)?;
+        written
     }
 
     /// A trajectory and a merged cloud for every component; the first carries no number. Returns the names.
-    fn write_clouds(&self, scans: &[Scan], run: &Run, config: &Config, id: &str) -> Result<Vec<String>> {
+    fn write_clouds(&self, id: &str) -> Result<Vec<String>> {
+        let Self { place, scans, run, config, monitor } = *self;
         let mut written = Vec::new();
         let voxel_m = config.output.merged_voxel_m.unwrap_or(0.5 * run.scale.voxel_m) as f32;
         for component in 0..run.reconstruction.components().max(1) {
+            monitor.check(STAGE)?;
             let cloud = MergedCloud::new(scans, &run.reconstruction, component, voxel_m);
             let scan: Vec<i32> = cloud.scan.iter().map(|&s| s as i32).collect();
             let names = [("merged", "ply"), ("trajectory", "log")].map(|(s, e)| numbered(s, component, e));
             io::write_ply(
-                self.path.join(&names[0]),
+                place.join(&names[0]),
                 &io::PlyCloud {
                     points: &cloud.points,
                     origin_m: cloud.origin_m,
@@ -187,14 +222,14 @@ impl ResultFolder {
                 },
             )?;
             let poses: Vec<_> = placed_in(run, component).collect();
-            io::poses::write_trajectory(self.path.join(&names[1]), &poses)?;
+            io::poses::write_trajectory(place.join(&names[1]), &poses)?;
             written.extend(names);
         }
         Ok(written)
     }
 
     fn write_text(&self, name: &str, text: &str) -> Result<()> {
-        io::atomic::write(&self.path.join(name), |out| out.write_all(text.as_bytes()))
+        io::atomic::write(&self.place.join(name), |out| out.write_all(text.as_bytes()))
     }
 }
 
@@ -212,6 +247,22 @@ impl Written {
 
 /// The `poses.json` of a result, which is declined where its folder holds files of another run too.
 pub fn load_poses(folder: &Path) -> Result<Document> {
+    let poses = load_poses_for_pages(folder)?;
+    identity::check_pages(&poses, folder, &[PAGE, PROTOCOL])?;
+    Ok(poses)
+}
+
+/// [`load_poses`] whatever the pages show, which are made anew.
+pub fn load_poses_for_pages(folder: &Path) -> Result<Document> {
+    let is_there = |name: &&str| folder.join(name).exists();
+    if let (false, Some(name)) = (is_there(&POSES), [OVERLAP, REPORT, PAGE].iter().find(|n| is_there(n))) {
+        return Err(Error::file(
+            folder,
+            format!("{name} and no {POSES}, which is written last"),
+            "a whole result",
+            "the run that was to write it did not end: register again",
+        ));
+    }
     let poses = Document::load(&folder.join(POSES))?;
     let merged: Vec<String> = (0..poses.components.len()).map(|c| numbered("merged", c, "ply")).collect();
     identity::check_folder(&poses, folder, REPORT, &merged)?;
@@ -223,9 +274,13 @@ pub fn merged_files(folder: &Path, components: usize) -> Vec<PathBuf> {
     (0..components).map(|c| folder.join(numbered("merged", c, "ply"))).collect()
 }
 
-/// Removes the files of component after component, as long as there are any.
-fn remove_each(files: &dyn Fn(usize) -> Vec<String>, remove: &dyn Fn(&str) -> Result<bool>) -> Result<()> {
-    for component in 0.. {
+/// Removes the files of component after component from the first, as long as there are any.
+fn remove_each(
+    first: usize,
+    files: &dyn Fn(usize) -> Vec<String>,
+    remove: &dyn Fn(&str) -> Result<bool>,
+) -> Result<()> {
+    for component in first.. {
         let removed = files(component).iter().map(|name| remove(name)).collect::<Result<Vec<bool>>>()?;
         if component > 0 && !removed.contains(&true) {
             break;

@@ -37,9 +37,15 @@ pub fn tell(text: &str) {
     writeln!(std::io::stderr().lock(), "{}", printable(text)).ok();
 }
 
-/// Writes an error and its causes to stderr.
+/// Writes an error and its causes to stderr, each once: the messages of our own errors tell the system's reason.
 pub fn print_error(error: &anyhow::Error) {
-    tell(&format!("error: {error:#}"));
+    let mut message = error.to_string();
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !message.contains(&*printable(&cause)) {
+            message = format!("{message}: {cause}");
+        }
+    }
+    tell(&format!("error: {message}"));
 }
 
 /// Shows what is wrong with the arguments, or the help that they ask for, and ends the process.

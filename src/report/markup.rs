@@ -1,6 +1,8 @@
 //! HTML from templates and text.
 
 use crate::printable::printable_lines;
+use crate::result::identity::PAGE_MARK;
+use crate::result::run::RunReport;
 
 /// A template with the values in the place of its marks `<!--name-->`, which stand in the same
 /// order. A mark is looked for in the template only, never in a value.
@@ -15,6 +17,11 @@ pub(super) fn filled(template: &str, values: &[(&str, &str)]) -> String {
         }
     }
     page + rest
+}
+
+/// What a page says of the run that it shows; nothing where the run has no id.
+pub(super) fn run_mark(run: &RunReport) -> String {
+    run.run_id.as_deref().map(|id| format!("{PAGE_MARK}{}\">", escaped(id))).unwrap_or_default()
 }
 
 /// Text as the content of an HTML element or a quoted attribute, made printable.

@@ -47,3 +47,6 @@ impl Published {
         Ok(bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect())
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -59,15 +59,24 @@ fn whole_file(path: &Path, content: impl FnOnce(&File) -> io::Result<()>) -> io:
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     let temporary = builder.tempfile_in(folder)?;
+    // Tells those who cannot ask the system that somebody still writes it; some file systems have no locks.
+    temporary.as_file().try_lock().ok();
     content(temporary.as_file())?;
     temporary.as_file().sync_all()?;
     temporary.persist(path).map_err(|e| e.error)?;
-    // The name itself is durable only once the folder is; where a folder cannot be synced, nothing is lost but that.
+    sync_folder(folder);
+    Ok(())
+}
+
+/// Makes new names durable, as they are only once their folder is; where a folder cannot be synced, nothing
+/// is lost but that.
+pub(crate) fn sync_folder(folder: &Path) {
     #[cfg(unix)]
     if let Ok(folder) = File::open(folder) {
         folder.sync_all().ok();
     }
-    Ok(())
+    #[cfg(not(unix))]
+    let _ = folder;
 }
 
 /// What a temporary file or folder of this process is called before its word of chance: a later run that

@@ -3,7 +3,7 @@
 //! A run locks [`LOCK_FILE`] in its folder. The kernel releases the lock when the process ends in
 //! whatever way, so that a lock file that a killed run left behind stops nobody.
 
-use crate::atomic::TEMPORARY;
+use crate::atomic::{TEMPORARY, sync_folder, temporary_prefix};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::owner::{self, Owner};
@@ -129,6 +129,72 @@ impl FolderLock {
     }
 }
 
+/// A result that grows in a hidden folder of its own until it is whole, and then takes the place of the one
+/// that is there. The end of it removes what was not published.
+#[derive(Debug)]
+pub struct Staging {
+    folder: PathBuf,
+    beside: tempfile::TempDir,
+}
+
+impl FolderLock {
+    /// Begins a result for the folder.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn stage(&self) -> Result<Staging> {
+        let mut builder = tempfile::Builder::new();
+        let prefix = temporary_prefix();
+        let beside = builder.prefix(&prefix).tempdir_in(&self.folder);
+        let beside = beside.map_err(|e| Error::write(&self.folder, e))?;
+        Ok(Staging { folder: self.folder.clone(), beside })
+    }
+}
+
+impl Staging {
+    /// Where the files are written.
+    pub fn path(&self) -> &Path {
+        self.beside.path()
+    }
+
+    /// An error of writing into [`path`](Self::path), told of the place that the file is meant for.
+    pub fn meant(&self, error: Error) -> Error {
+        match error {
+            Error::Write { path, source } => match path.strip_prefix(self.path()) {
+                Ok(name) => Error::Write { path: self.folder.join(name), source },
+                Err(_) => Error::Write { path, source },
+            },
+            other => other,
+        }
+    }
+
+    /// Moves the files to their places: `remove_old` first removes what is not written over, then come the
+    /// new files, and the one called `last` after all others.
+    ///
+    /// # Errors
+    /// [`Error::Write`]: where a folder is in the way, before anything is removed; else those of `remove_old`
+    /// and of the system.
+    pub fn publish(self, last: &str, remove_old: impl FnOnce() -> Result<()>) -> Result<()> {
+        let failed = |e| Error::write(&self.folder, e);
+        let mut names = Vec::new();
+        for entry in fs::read_dir(self.path()).map_err(failed)? {
+            names.push(entry.map_err(failed)?.file_name());
+        }
+        names.sort_by_key(|name| (name == last, name.clone()));
+        if let Some(place) = names.iter().map(|name| self.folder.join(name)).find(|place| place.is_dir()) {
+            let reason = io::Error::new(io::ErrorKind::IsADirectory, "there is a folder of that name");
+            return Err(Error::write(place, reason));
+        }
+        remove_old()?;
+        for name in names {
+            let place = self.folder.join(&name);
+            fs::rename(self.path().join(&name), &place).map_err(|e| Error::write(place, e))?;
+        }
+        sync_folder(&self.folder);
+        Ok(())
+    }
+}
+
 impl Drop for FolderLock {
     fn drop(&mut self) {
         if let Some(file) = &self.file {
@@ -243,15 +309,26 @@ fn sweep_below(folder: &Path, deepest: usize) -> usize {
     removed
 }
 
+/// Whether nobody writes a temporary file: who does holds its lock, from a moment after it is made on. What is
+/// no file stays.
+fn is_abandoned(path: &Path) -> bool {
+    /// Age from which it would be locked.
+    const MOMENT: Duration = Duration::from_secs(60);
+    let Ok(file) = files::open(path) else { return false };
+    let age = file.metadata().and_then(|m| m.modified()).map(|made| made.elapsed().unwrap_or_default());
+    age.is_ok_and(|age| age > MOMENT) && file.try_lock().is_ok()
+}
+
 fn sweep_one(folder: &Path) -> usize {
     let mut removed = 0;
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name();
         let owner = name.to_str().and_then(|n| n.strip_prefix(TEMPORARY)).and_then(Owner::parse);
-        if !owner.is_some_and(|o| o.is_dead()) {
+        let path = entry.path();
+        let is_left = |o: Owner| o.is_dead() || (o.is_known_by_lock() && is_abandoned(&path));
+        if !owner.is_some_and(is_left) {
             continue;
         }
-        let path = entry.path();
         let gone = match entry.file_type() {
             Ok(kind) if kind.is_dir() => fs::remove_dir_all(&path),
             _ => fs::remove_file(&path),
@@ -359,6 +436,67 @@ mod tests {
         assert!(taken > 0);
         // The folder itself stays where one thread made it and the next was quick to lock it.
         assert!(!folder.exists() || names(&folder).is_empty());
+    }
+
+    /// As on a system that does not list processes, where no owner knows when it started.
+    #[test]
+    fn without_a_list_of_processes_old_files_that_nobody_locks_are_swept() {
+        let place = tempfile::tempdir().unwrap();
+        let here = Owner::current().tag();
+        let machine = here.rsplit('-').next().unwrap();
+        let make = |name: &str, age_s: u64| {
+            let path = place.path().join(name);
+            let file = File::create(&path).unwrap();
+            file.set_modified(SystemTime::now() - Duration::from_secs(age_s)).unwrap();
+            (path, file)
+        };
+        let (old, _) = make(&format!("{TEMPORARY}1-0-{machine}-a.part"), 3600);
+        let (young, _) = make(&format!("{TEMPORARY}1-0-{machine}-b.part"), 1);
+        let (written, writer) = make(&format!("{TEMPORARY}1-0-{machine}-c.part"), 3600);
+        writer.lock().unwrap();
+        let (elsewhere, _) = make(&format!("{TEMPORARY}1-0-00000000-d.part"), 3600);
+        drop(FolderLock::take(place.path()).unwrap());
+        assert_eq!([&old, &young, &written, &elsewhere].map(|p| p.exists()), [false, true, true, true]);
+        drop(writer);
+        drop(FolderLock::take(place.path()).unwrap());
+        assert!(!written.exists());
+    }
+
+    #[test]
+    fn a_staged_result_comes_whole_or_not_at_all() {
+        let place = tempfile::tempdir().unwrap();
+        let put = |name: &str, text: &str| fs::write(place.path().join(name), text).unwrap();
+        let get = |name: &str| fs::read_to_string(place.path().join(name)).ok();
+        let lock = FolderLock::take(place.path()).unwrap();
+        put("a", "old");
+        put("last", "old");
+        put("stale", "old");
+        let stage = || {
+            let staging = lock.stage().unwrap();
+            for name in ["a", "b", "last"] {
+                fs::write(staging.path().join(name), "new").unwrap();
+            }
+            staging
+        };
+        let old = || assert_eq!(["a", "last", "stale"].map(|n| get(n).unwrap()), ["old"; 3]);
+        drop(stage());
+        old();
+        fs::create_dir(place.path().join("b")).unwrap();
+        let refused =
+            stage().publish("last", || panic!("removed before it is known whether the rest can come"));
+        assert!(matches!(refused, Err(Error::Write { path, .. }) if path == place.path().join("b")));
+        old();
+        fs::remove_dir(place.path().join("b")).unwrap();
+        let remove = || {
+            assert_eq!(get("a").as_deref(), Some("old"));
+            fs::remove_file(place.path().join("stale")).map_err(|e| Error::write("stale", e))
+        };
+        stage().publish("last", remove).unwrap();
+        assert_eq!(names(place.path()), [LOCK_FILE, "a", "b", "last"]);
+        assert_eq!(["a", "b", "last"].map(|n| get(n).unwrap()), ["new"; 3]);
+        let staging = stage();
+        let error = Error::write(staging.path().join("x"), io::Error::other("full"));
+        assert!(matches!(staging.meant(error), Error::Write { path, .. } if path == place.path().join("x")));
     }
 
     #[cfg(target_os = "linux")]

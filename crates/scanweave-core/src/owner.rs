@@ -55,6 +55,11 @@ impl Owner {
         known(&self.pid.to_string()).is_none_or(|k| k.start != self.start || k.ended)
     }
 
+    /// Whether only a lock can tell if it runs: it is of this machine, and the system does not list processes.
+    pub fn is_known_by_lock(&self) -> bool {
+        self.machine == Self::current().machine && self.start == 0
+    }
+
     /// Whether it surely runs now, and is not this process.
     pub fn is_another_alive(&self) -> bool {
         let here = Self::current();

@@ -1,7 +1,7 @@
 //! Named arrays of numbers with their metadata, in one safetensors file.
 //!
-//! The metadata is JSON under the key `scanweave`; a checksum over all arrays notices a flipped
-//! bit. The same content gives the same bytes.
+//! The metadata is JSON under the key `scanweave`; checksums over all arrays and over the metadata notice a
+//! flipped bit. The same content gives the same bytes.
 
 use crate::atomic;
 use crate::error::{Error, Result};
@@ -9,6 +9,7 @@ use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 use std::io::Write;
 use std::path::Path;
@@ -39,7 +40,9 @@ impl Array {
 /// Arrays by name.
 pub type Arrays = BTreeMap<String, Array>;
 
+// No other field: one whose name has a flipped bit must not be passed over.
 #[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 struct Envelope<M> {
     meta: M,
     /// BLAKE3 of all arrays in name order.
@@ -59,6 +62,29 @@ pub fn digest(arrays: &Arrays) -> String {
     hasher.finalize().to_hex().to_string()
 }
 
+/// What stands before the checksum of metadata, their last field.
+const SEAL: &str = ",\"metadata_blake3\":\"";
+
+/// Metadata, a JSON object with fields, with the BLAKE3 of its text as a further field.
+pub(crate) fn sealed(json: &str) -> String {
+    let open = json.strip_suffix('}').unwrap_or(json);
+    format!("{open}{SEAL}{}\"}}", blake3::hash(json.as_bytes()).to_hex())
+}
+
+/// Metadata without their checksum; as they are where there is none, as older versions wrote them.
+///
+/// # Errors
+/// What is there in their place, when they do not match it.
+pub(crate) fn unsealed(text: &str) -> std::result::Result<Cow<'_, str>, String> {
+    // In a string these quotes would be escaped.
+    let Some((open, digest)) = text.rsplit_once(SEAL) else { return Ok(Cow::Borrowed(text)) };
+    let json = format!("{open}}}");
+    match digest.strip_suffix("\"}") {
+        Some(digest) if digest == blake3::hash(json.as_bytes()).to_hex().as_str() => Ok(Cow::Owned(json)),
+        _ => Err("metadata that do not match their checksum".to_owned()),
+    }
+}
+
 /// Writes the file under a temporary name beside it and renames it over `path`, so that `path`
 /// holds either the old or the new content whole.
 ///
@@ -75,7 +101,7 @@ pub fn save<M: Serialize>(path: &Path, meta: &M, arrays: &Arrays) -> Result<()> 
         .collect::<std::result::Result<_, safetensors::SafeTensorError>>()
         .map_err(|e| fail(e.to_string()))?;
     // One key only: the order of several would differ between runs.
-    let info = HashMap::from([(META_KEY.to_owned(), json)]);
+    let info = HashMap::from([(META_KEY.to_owned(), sealed(&json))]);
     let content = safetensors::serialize(views, Some(info)).map_err(|e| fail(e.to_string()))?;
     atomic::write(path, |out| out.write_all(&content))
 }
@@ -100,8 +126,9 @@ pub fn parse<M: DeserializeOwned>(path: &Path, bytes: &[u8], expected: &str) -> 
         .as_ref()
         .and_then(|m| m.get(META_KEY))
         .ok_or_else(|| broken("a safetensors file of another program".into()))?;
+    let json = unsealed(json).map_err(broken)?;
     let envelope: Envelope<M> =
-        serde_json::from_str(json).map_err(|e| broken(format!("metadata of another kind ({e})")))?;
+        serde_json::from_str(&json).map_err(|e| broken(format!("metadata of another kind ({e})")))?;
     let mut arrays = Arrays::new();
     for (name, view) in file.tensors() {
         if view.dtype() != Dtype::F32 {
@@ -127,4 +154,39 @@ pub fn parse<M: DeserializeOwned>(path: &Path, bytes: &[u8], expected: &str) -> 
 pub fn load<M: DeserializeOwned>(path: &Path, expected: &str) -> Result<(M, Arrays)> {
     let bytes = crate::files::read(path)?;
     parse(path, &bytes, expected)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flipped_bit_is_noticed_wherever_it_is() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("a.safetensors");
+        let meta = BTreeMap::from([
+            ("name".to_owned(), "with \"quotes\"".to_owned()),
+            ("epoch".to_owned(), "12".to_owned()),
+        ]);
+        let arrays = Arrays::from([("a".to_owned(), Array::new(&[2], vec![1.0, 2.0]))]);
+        save(&path, &meta, &arrays).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let read = |bytes: &[u8]| parse::<BTreeMap<String, String>>(&path, bytes, "a test");
+        assert_eq!(read(&bytes).unwrap(), (meta, arrays));
+        for at in 0..bytes.len() {
+            for bit in [1, 2, 4, 64] {
+                let mut flipped = bytes.clone();
+                flipped[at] ^= bit;
+                assert!(read(&flipped).is_err(), "bit {bit} of byte {at}");
+            }
+        }
+    }
+
+    #[test]
+    fn metadata_without_a_checksum_are_read_as_they_are() {
+        assert_eq!(unsealed(r#"{"a":1}"#).unwrap(), r#"{"a":1}"#);
+        let text = sealed(r#"{"a":",\"metadata_blake3\":\""}"#);
+        assert_eq!(unsealed(&text).unwrap(), r#"{"a":",\"metadata_blake3\":\""}"#);
+        assert!(unsealed(&text.replace("{\"a\"", "{\"b\"")).is_err());
+    }
 }

@@ -5,6 +5,7 @@ use super::{Input, agreement, wording};
 use crate::evaluation::pose_error::PoseError;
 use crate::geometry::RigidMotion;
 use crate::printable::{printable, printable_lines};
+use crate::result::overlaps::ten_thousandths;
 use crate::result::poses::{Component, Entry, EntryOutcome, Pose};
 use crate::result::run::{ScanSize, StageTime};
 use crate::scan::WorkingScale;
@@ -198,6 +199,6 @@ fn packed(similarity: &SimilarityMatrix) -> String {
     let n = similarity.len();
     let values = (0..n).flat_map(|i| similarity.row(i));
     // From the digits that overlap.csv has, so that a page made from files is the same.
-    let written = |s: &f32| format!("{s:.4}").parse::<f32>().unwrap_or(*s).clamp(0.0, 1.0);
+    let written = |s: &f32| ten_thousandths(*s).map_or(*s, |digits| digits as f32 / 1e4).clamp(0.0, 1.0);
     STANDARD.encode(values.map(|s| (255.0 * written(s)).round() as u8).collect::<Vec<u8>>())
 }

@@ -12,7 +12,7 @@ mod wording;
 pub use points::{MOST_POINTS, PointSource};
 pub use wording::headline;
 
-use super::markup::{escaped, filled};
+use super::markup::{escaped, filled, run_mark};
 use crate::evaluation::pose_error::PoseReport;
 use crate::geometry::RigidMotion;
 use crate::printable::printable_json;
@@ -68,7 +68,8 @@ pub fn page(input: &Input<'_>) -> Result<String> {
     }
     let headline = headline(input.poses);
     let json = script_text(&data::Data::new(input, &headline).to_json());
-    Ok(filled(TEMPLATE, &[("headline", &escaped(&headline)), ("data", &json)]))
+    let run = run_mark(input.run);
+    Ok(filled(TEMPLATE, &[("run", &run), ("headline", &escaped(&headline)), ("data", &json)]))
 }
 
 /// JSON as the content of a `<script type="application/json">`: nothing in it can end the

@@ -10,7 +10,7 @@ mod precision;
 mod scans;
 mod table;
 
-use super::markup::filled;
+use super::markup::{filled, run_mark};
 use crate::result::poses::{Document, EntryOutcome};
 use crate::result::run::RunReport;
 use network::Network;
@@ -44,7 +44,7 @@ pub fn page(input: &Input<'_>) -> String {
     scans::declined(input, &mut body);
     components::pairs(input, &network, &mut body);
     meaning(input, &mut body);
-    filled(TEMPLATE, &[("body", &body)])
+    filled(TEMPLATE, &[("run", &run_mark(input.run)), ("body", &body)])
 }
 
 /// What was done with what, and room for a signature.

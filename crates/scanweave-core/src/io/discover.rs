@@ -2,10 +2,11 @@
 
 use super::cloud::FORMATS;
 use super::depth::{depth_images, is_depth};
+use super::exported::exported;
 use super::merged::is_merged;
 use crate::error::{Error, Result};
 use crate::files;
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -70,7 +71,8 @@ pub fn discover(inputs: &[String]) -> Result<Vec<PathBuf>> {
 /// - a glob (`scans/*.ply`), where no file of that very name exists;
 /// - `@list.txt`: a text file of inputs, one a line, relative to its folder; `#` begins a comment.
 ///
-/// With `recursive`, the folders in a folder count as inputs too. Hidden files are ignored. The order
+/// With `recursive`, the folders in a folder count as inputs too, without the scans that were exported into
+/// them. Hidden files are ignored. The order
 /// never depends on that of a directory or of `inputs`.
 ///
 /// # Errors
@@ -227,7 +229,7 @@ fn scan_files_of(folder: &Path) -> Result<(Vec<PathBuf>, Vec<LeftOut>)> {
     let mut left_out = Vec::new();
     files.retain(|path| {
         let name = path.file_name().map(|n| n.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-        let why = if NO_SCANS.contains(&name.as_str()) {
+        let why = if NO_SCANS.contains(&name.as_str()) || is_trajectory(&name) {
             "a table that goes with scans, by its name"
         } else if has_extension(path, &["ply"]) && is_merged(path) {
             "a merged cloud that scanweave wrote; name the file itself to take it"
@@ -257,6 +259,12 @@ fn scan_files_of(folder: &Path) -> Result<(Vec<PathBuf>, Vec<LeftOut>)> {
     left_out.extend(passed_over(&files, &scans));
     sort_naturally(&mut scans);
     Ok((scans, left_out))
+}
+
+/// Whether a file is called as the trajectory of a further component: `trajectory_1.csv`.
+fn is_trajectory(name: &str) -> bool {
+    let number = name.strip_prefix("trajectory_").and_then(|rest| rest.strip_suffix(".csv"));
+    number.is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
 }
 
 /// Files of a folder that may well be scans and are not among those taken. NPY, NPZ and meshes are not
@@ -302,8 +310,16 @@ fn tree(folder: &Path) -> Result<(Vec<PathBuf>, Vec<LeftOut>)> {
         }
         match scan_files_of(&folder) {
             Ok(found) => {
-                scans.extend(found.0);
-                left_out.extend(found.1);
+                // Who names a folder of exported scans itself wants these; deeper ones are copies.
+                let exported = if visited.len() > 1 { exported(&folder) } else { BTreeSet::new() };
+                let is_copy = |path: &PathBuf| {
+                    path.file_name().and_then(|n| n.to_str()).is_some_and(|n| exported.contains(n))
+                };
+                let (copies, own): (Vec<PathBuf>, Vec<PathBuf>) = found.0.into_iter().partition(is_copy);
+                scans.extend(own);
+                let why = "a scan that scanweave exported; name its folder to take it";
+                let copy = |path| LeftOut { path, why: why.to_owned(), unreadable: false };
+                left_out.extend(copies.into_iter().map(copy).chain(found.1));
             }
             Err(error @ Error::Input { .. }) => {
                 first_error.get_or_insert(error);

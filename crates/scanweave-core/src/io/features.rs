@@ -1,9 +1,11 @@
 //! Precomputed local features: one NPZ a scan, or the folders of SGHR and IMVR.
 
 use super::npy::{self, Array, Number};
-use super::npz::Archive;
+use super::npz::{self, Archive};
 use super::poses::read_text;
 use super::scalar::parse_number;
+use super::scan_file::ReadOptions;
+use super::unpack_limit::UnpackLimit;
 use super::{atomic, read_cloud};
 use crate::error::{Error, Result};
 use crate::files;
@@ -11,8 +13,7 @@ use crate::geometry::{Direction, Point};
 use crate::scan::{Descriptors, Features, PointCloud};
 use nalgebra::Vector3;
 use ndarray::{Array1, Array2};
-use ndarray_npy::NpzWriter;
-use std::io;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// Reads `keypoints` `[n,3]` metres, `descriptors` `[n,D]` and, where it is there, `normals` `[n,3]` from an NPZ.
@@ -24,7 +25,18 @@ use std::path::{Path, PathBuf};
 /// [`Error::Read`]; [`Error::File`] for a missing array, a wrong shape, lengths that disagree
 /// or a number that is not finite.
 pub fn read_npz(path: impl AsRef<Path>) -> Result<Features> {
-    read_archive(path.as_ref(), None)
+    read_npz_with(path, &ReadOptions::default())
+}
+
+/// [`read_npz`] of an archive that may unpack to as much as the options say.
+///
+/// # Errors
+/// As [`read_npz`].
+pub fn read_npz_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Features> {
+    let path = path.as_ref();
+    let bytes = files::read(path)?;
+    let limit = UnpackLimit::of_scan(options, bytes.len() as u64);
+    read_archive(path, Archive::with_limit(path, &bytes, limit)?, None)
 }
 
 /// What an entry of a cache belongs to: a digest of everything that its features depend on.
@@ -36,7 +48,8 @@ const CACHE_KEY: &str = "key";
 /// # Errors
 /// As [`read_npz`], and [`Error::File`] for the features of another scan or of other settings.
 pub(crate) fn read_cached(path: &Path, key: &CacheKey) -> Result<Features> {
-    read_archive(path, Some(key))
+    let bytes = files::read(path)?;
+    read_archive(path, Archive::open(path, &bytes)?, Some(key))
 }
 
 /// Writes what [`read_cached`] reads.
@@ -47,9 +60,7 @@ pub(crate) fn write_cached(path: &Path, features: &Features, key: &CacheKey) -> 
     write_archive(path, features, Some(key))
 }
 
-fn read_archive(path: &Path, cache_key: Option<&CacheKey>) -> Result<Features> {
-    let bytes = files::read(path)?;
-    let mut archive = Archive::open(path, &bytes)?;
+fn read_archive(path: &Path, mut archive: Archive<'_>, cache_key: Option<&CacheKey>) -> Result<Features> {
     let keys = archive.keys();
     if let Some(key) = cache_key {
         let stored = archive.array::<f32>(CACHE_KEY)?.map(|a| a.values).unwrap_or_default();
@@ -103,22 +114,20 @@ fn write_archive(path: &Path, features: &Features, cache_key: Option<&CacheKey>)
         Array2::from_shape_vec((flat.len() / 3, 3), flat).map_err(io::Error::other)
     };
     atomic::write(path, |sink| {
-        let mut npz = NpzWriter::new(sink);
         let shape = (features.len(), features.descriptors.dim());
         let values = features.descriptors.values().to_vec();
         let descriptors = Array2::from_shape_vec(shape, values).map_err(io::Error::other)?;
         let keypoints = triples(&mut features.keypoints.iter().map(|p| p.coords))?;
-        npz.add_array("keypoints", &keypoints).map_err(io::Error::other)?;
-        npz.add_array("descriptors", &descriptors).map_err(io::Error::other)?;
-        if let Some(normals) = &features.normals {
-            let normals = triples(&mut normals.iter().copied())?;
-            npz.add_array("normals", &normals).map_err(io::Error::other)?;
-        }
-        if let Some(key) = cache_key {
-            npz.add_array(CACHE_KEY, &Array1::from_iter(key.iter().copied())).map_err(io::Error::other)?;
-        }
-        npz.finish().map_err(io::Error::other)?;
-        Ok(())
+        let normals = features.normals.as_ref().map(|n| triples(&mut n.iter().copied())).transpose()?;
+        let archive = npz::archive(|npz| {
+            npz.add_array("keypoints", &keypoints)?;
+            npz.add_array("descriptors", &descriptors)?;
+            normals.iter().try_for_each(|normals| npz.add_array("normals", normals))?;
+            cache_key
+                .iter()
+                .try_for_each(|key| npz.add_array(CACHE_KEY, &Array1::from_iter(key.iter().copied())))
+        })?;
+        sink.write_all(&archive)
     })
 }
 

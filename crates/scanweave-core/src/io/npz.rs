@@ -7,6 +7,7 @@ use super::npy_header::{self, Header};
 use super::scan_file::{ReadOptions, ScanFile};
 use super::unpack_limit::UnpackLimit;
 use crate::error::{Error, Result};
+use ndarray_npy::{NpzWriter, WriteNpzError};
 use std::io::{Cursor, Read};
 use std::path::Path;
 use zip::ZipArchive;
@@ -21,7 +22,7 @@ pub(super) struct Archive<'a> {
 }
 
 impl<'a> Archive<'a> {
-    /// An archive of features, or one that is kept for the next run.
+    /// An archive that is kept for the next run, or looked into.
     ///
     /// # Errors
     /// [`Error::File`] when it is no archive.
@@ -29,7 +30,11 @@ impl<'a> Archive<'a> {
         Self::with_limit(path, bytes, UnpackLimit::of_other(bytes.len() as u64))
     }
 
-    fn with_limit(path: &'a Path, bytes: &'a [u8], limit: UnpackLimit) -> Result<Self> {
+    /// An archive of so much at most.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub(super) fn with_limit(path: &'a Path, bytes: &'a [u8], limit: UnpackLimit) -> Result<Self> {
         let zip = ZipArchive::new(Cursor::new(bytes))
             .map_err(|e| damaged(path, format!("a damaged archive ({e})")))?;
         Ok(Self { path, zip, limit, unpacked: 0 })
@@ -83,6 +88,17 @@ impl<'a> Archive<'a> {
             _ => Err(npy::too_short(path, &label(key), &header, promised as usize)),
         }
     }
+}
+
+/// The bytes of an archive of arrays, as `add` adds them.
+///
+/// In memory: a writer of archives that is dropped because its disk is full says so on stderr.
+pub(super) fn archive(
+    add: impl FnOnce(&mut NpzWriter<Cursor<Vec<u8>>>) -> std::result::Result<(), WriteNpzError>,
+) -> std::io::Result<Vec<u8>> {
+    let mut npz = NpzWriter::new(Cursor::new(Vec::new()));
+    add(&mut npz).map_err(std::io::Error::other)?;
+    Ok(npz.finish().map_err(std::io::Error::other)?.into_inner())
 }
 
 /// Reads as far as the header goes.

@@ -1,22 +1,22 @@
 //! Pairwise registrations kept for the next run: one NPZ.
 //!
-//! `pairs` `[P,32]` bytes: content of target and source; `values` `[P,13]`: translation (3,
+//! `settings` bytes: what names the settings; `pairs` `[P,32]` bytes: content of target and source; `values` `[P,13]`: translation (3,
 //! metres), rotation as x y z w, matches, inliers, residual (m), overlap, median distance (m),
 //! its share of the seconds that all took which were registered with it.
 
 use super::atomic;
 use super::npy::{Array, Number};
-use super::npz::Archive;
+use super::npz::{self, Archive};
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::scan::{PairKey, PairRegistration};
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
-use ndarray::Array2;
-use ndarray_npy::NpzWriter;
+use ndarray::{Array1, Array2};
 use std::collections::BTreeMap;
-use std::io;
+use std::io::{self, Write};
 use std::path::Path;
 
+const SETTINGS: &str = "settings";
 const KEY: usize = 32;
 const VALUES: usize = 13;
 
@@ -26,10 +26,16 @@ pub type Pairs = BTreeMap<PairKey, (PairRegistration, f64)>;
 /// Reads what [`write()`] writes, to the last bit.
 ///
 /// # Errors
-/// [`Error::Read`]; [`Error::File`] for missing arrays or wrong shapes.
-pub fn read(path: &Path) -> Result<Pairs> {
+/// [`Error::Read`]; [`Error::File`] for missing arrays or wrong shapes, and for pairs that were registered
+/// with other settings: a file that was renamed is not taken for another.
+pub fn read(path: &Path, settings: &str) -> Result<Pairs> {
     let bytes = crate::files::read(path)?;
     let mut archive = Archive::open(path, &bytes)?;
+    let stored = archive.array::<f32>(SETTINGS)?.map(|a| a.values).unwrap_or_default();
+    if !stored.iter().copied().eq(settings.bytes().map(f32::from)) {
+        let expected = "those that it is named for";
+        return Err(Error::file(path, "pairs of other settings", expected, "delete it; it is made again"));
+    }
     let keys = numbers_of::<u8>(path, "pairs", KEY, archive.array("pairs")?)?;
     let values = numbers_of::<f64>(path, "values", VALUES, archive.array("values")?)?;
     let (keys, values) = (keys.as_chunks::<KEY>().0, values.as_chunks::<VALUES>().0);
@@ -56,17 +62,19 @@ fn numbers_of<T: Number>(path: &Path, name: &str, columns: usize, array: Option<
 ///
 /// # Errors
 /// [`Error::Write`].
-pub fn write(path: &Path, pairs: &Pairs) -> Result<()> {
+pub fn write(path: &Path, settings: &str, pairs: &Pairs) -> Result<()> {
     let keys: Vec<u8> = pairs.keys().flat_map(|k| k.target.into_iter().chain(k.source)).collect();
     let values: Vec<f64> = pairs.values().flat_map(numbers).collect();
     atomic::write(path, |sink| {
-        let mut npz = NpzWriter::new(sink);
+        let settings = Array1::from_iter(settings.bytes());
         let keys = Array2::from_shape_vec((pairs.len(), KEY), keys).map_err(io::Error::other)?;
         let values = Array2::from_shape_vec((pairs.len(), VALUES), values).map_err(io::Error::other)?;
-        npz.add_array("pairs", &keys).map_err(io::Error::other)?;
-        npz.add_array("values", &values).map_err(io::Error::other)?;
-        npz.finish().map_err(io::Error::other)?;
-        Ok(())
+        let archive = npz::archive(|npz| {
+            npz.add_array(SETTINGS, &settings)?;
+            npz.add_array("pairs", &keys)?;
+            npz.add_array("values", &values)
+        })?;
+        sink.write_all(&archive)
     })
 }
 
@@ -119,11 +127,26 @@ mod tests {
             BTreeMap::from([(key(3, 255), (found, 0.021)), (key(0, 1), (PairRegistration::default(), 0.0))]);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("pairs.npz");
-        write(&path, &pairs).unwrap();
-        assert_eq!(read(&path).unwrap(), pairs);
-        write(&path, &Pairs::new()).unwrap();
-        assert!(read(&path).unwrap().is_empty());
+        write(&path, "ab12", &pairs).unwrap();
+        assert_eq!(read(&path, "ab12").unwrap(), pairs);
+        for other in ["ab13", "ab1", "ab123", ""] {
+            assert!(matches!(read(&path, other), Err(Error::File { .. })), "{other}");
+        }
+        // In the archive's list of arrays, in the settings and in the numbers.
+        let bytes = std::fs::read(&path).unwrap();
+        for at in [
+            bytes.windows(8).rposition(|w| w == b"settings"),
+            bytes.windows(4).position(|w| w == b"ab12"),
+            Some(bytes.len() / 2),
+        ] {
+            let mut flipped = bytes.clone();
+            flipped[at.unwrap()] ^= 1;
+            std::fs::write(&path, flipped).unwrap();
+            assert!(matches!(read(&path, "ab12"), Err(Error::File { .. })), "{at:?}");
+        }
+        write(&path, "ab12", &Pairs::new()).unwrap();
+        assert!(read(&path, "ab12").unwrap().is_empty());
         std::fs::write(&path, b"no archive").unwrap();
-        assert!(matches!(read(&path), Err(Error::File { .. })));
+        assert!(matches!(read(&path, "ab12"), Err(Error::File { .. })));
     }
 }

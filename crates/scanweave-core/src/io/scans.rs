@@ -90,9 +90,17 @@ pub fn read_inputs(
 /// That of the first path in order that fails; [`Error::File`] for a file of several scans, and for one
 /// without a finite point; [`Error::Interrupted`].
 pub fn read_scans(paths: &[PathBuf], monitor: &dyn Monitor) -> Result<Vec<Scan>> {
+    read_scans_with(paths, &ReadOptions::default(), monitor)
+}
+
+/// [`read_scans`] with options for all files.
+///
+/// # Errors
+/// As [`read_scans`].
+pub fn read_scans_with(paths: &[PathBuf], options: &ReadOptions, monitor: &dyn Monitor) -> Result<Vec<Scan>> {
     let files = paths.iter().map(|path| FoundFile { path: path.clone(), named: true }).collect();
     let found = Discovered { files, left_out: Vec::new() };
-    let scans = read_inputs(&found, &ReadOptions::default(), false, monitor)?.scans;
+    let scans = read_inputs(&found, options, false, monitor)?.scans;
     match scans.iter().find(|s| s.part.is_some()) {
         None => Ok(scans),
         Some(scan) => {

@@ -3,8 +3,8 @@
 use crate::config::Config;
 use crate::descriptor::Describer;
 use crate::error::{Error, Result};
-use crate::io;
 use crate::io::features::CacheKey;
+use crate::io::{self, ReadOptions};
 use crate::monitor::Monitor;
 use crate::scan::{Features, PointCloud, Scan, Surface, WorkingScale};
 use rayon::prelude::*;
@@ -96,11 +96,17 @@ fn through_cache(
 }
 
 /// Features of every scan that another program computed: `<folder>/<name of the scan>.npz`, or,
-/// where `folder` is named `<descriptor>_desc`, the layout of SGHR and IMVR around it.
+/// where `folder` is named `<descriptor>_desc`, the layout of SGHR and IMVR around it. Of `options` counts
+/// how much an archive may unpack to.
 ///
 /// # Errors
 /// A file is missing, unreadable, or its arrays disagree; or the user asked to stop.
-pub fn read_features(folder: &Path, scans: &[Scan], monitor: &dyn Monitor) -> Result<Vec<Features>> {
+pub fn read_features(
+    folder: &Path,
+    scans: &[Scan],
+    options: &ReadOptions,
+    monitor: &dyn Monitor,
+) -> Result<Vec<Features>> {
     let name = folder.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let published = name.strip_suffix("_desc").filter(|_| !folder.is_file());
     monitor.begin("reading features", scans.len());
@@ -114,7 +120,7 @@ pub fn read_features(folder: &Path, scans: &[Scan], monitor: &dyn Monitor) -> Re
                     let dataset = folder.parent().unwrap_or(Path::new(""));
                     io::features::read_sghr(dataset, descriptor, number_of(scan)?, &scan.cloud)
                 }
-                _ => io::features::read_npz(&own),
+                _ => io::features::read_npz_with(&own, options),
             };
             monitor.advance(1);
             features

@@ -37,8 +37,14 @@ impl CanonicalOrder {
     /// # Errors
     /// None for a matrix that is one already.
     pub(crate) fn similarity(&self, similarity: &SimilarityMatrix) -> Result<SimilarityMatrix> {
-        let values = self.0.iter().flat_map(|&i| self.0.iter().map(move |&j| similarity.get(i, j)));
-        SimilarityMatrix::new(self.0.len(), values.collect())
+        let n = self.0.len();
+        // At its full size from the start: of thousands of scans it is among the largest things there are.
+        let mut values = vec![0.0; n * n];
+        values.par_chunks_mut(n.max(1)).zip(&self.0).for_each(|(row, &i)| {
+            let of_i = similarity.row(i);
+            row.iter_mut().zip(&self.0).for_each(|(value, &j)| *value = of_i[j]);
+        });
+        SimilarityMatrix::new(n, values)
     }
 
     /// A pose graph in the order of the input.

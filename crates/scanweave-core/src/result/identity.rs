@@ -7,13 +7,14 @@ use crate::files;
 use crate::io::merged_run;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::io::Read;
 use std::path::Path;
 
 /// The `run` of a `poses.json`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RunIdentity {
     /// Digest of the scans' names, their poses and the settings, hexadecimal: the same for every run that
-    /// gives the same result. `report.json` and the merged clouds state it too.
+    /// gives the same result. `report.json`, the pages and the merged clouds state it too.
     pub id: String,
     /// BLAKE3 of the other files of the result that are the same for every such run, hexadecimal, by name.
     pub files: BTreeMap<String, String>,
@@ -41,6 +42,30 @@ fn digest(path: &Path) -> Result<String> {
     let mut digest = blake3::Hasher::new();
     digest.update_reader(files::open(path)?).map_err(failed)?;
     Ok(digest.finalize().to_hex().to_string())
+}
+
+/// What a page says before the id of the run that it shows.
+pub const PAGE_MARK: &str = "<meta name=\"scanweave-run\" content=\"";
+
+/// The id of the run that a page shows; none where it states none.
+fn page_run(path: &Path) -> Result<Option<String>> {
+    /// The head of a page, before its style and all that is in it.
+    const MOST_BYTES: u64 = 4096;
+    let mut bytes = Vec::new();
+    files::open(path)?.take(MOST_BYTES).read_to_end(&mut bytes).map_err(|e| Error::read(path, e))?;
+    let text = String::from_utf8_lossy(&bytes);
+    let id = text.split_once(PAGE_MARK).and_then(|(_, after)| after.split_once('"'));
+    Ok(id.map(|(id, _)| id.to_owned()))
+}
+
+/// Declines pages (files of these names in `folder`) of another run than `document`. Pages that are gone
+/// are no error.
+///
+/// # Errors
+/// [`Error::File`] for the first that is, [`Error::Read`].
+pub fn check_pages(document: &Document, folder: &Path, pages: &[&str]) -> Result<()> {
+    let paths = pages.iter().map(|name| folder.join(name));
+    paths.filter(|path| path.exists()).try_for_each(|path| check_id(document, page_run(&path)?, &path))
 }
 
 /// Declines a folder that holds files of different runs. `document` is its `poses.json`, `report` the
@@ -75,11 +100,16 @@ pub fn check_folder(document: &Document, folder: &Path, report: &str, merged: &[
 /// # Errors
 /// [`Error::File`].
 pub fn check_report(document: &Document, report: &RunReport, path: &Path) -> Result<()> {
+    check_id(document, report.run_id.clone(), path)
+}
+
+/// Declines a file that states this run, where that is not the one of `document`.
+fn check_id(document: &Document, stated: Option<String>, path: &Path) -> Result<()> {
     let id = document.run.as_ref().map(|run| run.id.as_str());
-    if report.run_id.as_deref() == id {
+    if stated.as_deref() == id {
         return Ok(());
     }
-    let found = report.run_id.as_ref().map_or("a file of a run without id".to_owned(), |found| {
+    let found = stated.map_or("a file of a run without id".to_owned(), |found| {
         format!("a file of the run {}", found.replace(char::is_control, "\u{fffd}"))
     });
     Err(mixed(path, &found, id))
@@ -136,6 +166,30 @@ mod tests {
         );
         std::fs::remove_file(&file).unwrap();
         check().unwrap();
+    }
+
+    #[test]
+    fn a_page_of_another_run_or_of_none_is_a_mixture() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("report.html");
+        let run = RunIdentity { id: "ab12".to_owned(), files: BTreeMap::new() };
+        let of_run = document(Some(run));
+        let check = |document: &Document| check_pages(document, folder.path(), &["report.html"]);
+        check(&of_run).unwrap();
+        for (page, of_this, of_none) in [
+            (format!("<!doctype html>\n{PAGE_MARK}ab12\">\n<p>{PAGE_MARK}cd34\">"), true, false),
+            (format!("<!doctype html>\n{PAGE_MARK}cd34\">"), false, false),
+            ("<!doctype html>\n".to_owned(), false, true),
+        ] {
+            std::fs::write(&path, &page).unwrap();
+            assert_eq!(
+                [check(&of_run).is_ok(), check(&document(None)).is_ok()],
+                [of_this, of_none],
+                "{page}"
+            );
+        }
+        let said = check(&of_run).unwrap_err().to_string();
+        assert!(said.contains("report.html") && said.contains("ab12"), "{said}");
     }
 
     #[test]

@@ -14,6 +14,7 @@ use crate::scan::{Reconstruction, ScanId};
 use moved::Moved;
 use serde::{Deserialize, Serialize};
 use source::Source;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Formats that scans are exported in.
@@ -81,15 +82,41 @@ pub fn export_scans(
     if !replace && files.iter().any(|f| f.exists()) {
         return Err(Error::OutputExists { path: folder.to_path_buf() });
     }
-    for parent in files.iter().filter_map(|f| f.parent()) {
-        std::fs::create_dir_all(parent).map_err(|e| Error::write(parent, e))?;
+    let mut names: BTreeMap<&Path, Vec<String>> = BTreeMap::new();
+    for file in &files {
+        if let (Some(parent), Some(name)) = (file.parent(), file.file_name()) {
+            names.entry(parent).or_default().push(name.to_string_lossy().into_owned());
+        }
     }
+    for (&parent, names) in &names {
+        std::fs::create_dir_all(parent).map_err(|e| Error::write(parent, e))?;
+        // Before the files: what a killed run leaves are copies, too.
+        io::exported::note(parent, names.iter().cloned())?;
+    }
+    let written = write_all(&exports, &files, options, format, monitor);
+    if written.is_err() {
+        names.keys().for_each(|parent| io::exported::forget_missing(parent));
+    }
+    written?;
+    let placed = |entry: &&Entry| exports.iter().any(|e| e.entry.id == entry.id);
+    let left_out = document.scans.iter().filter(|entry| !placed(entry)).map(|e| e.name.clone()).collect();
+    Ok(Exported { files, left_out })
+}
+
+/// Writes the files, in which the exports lie in order.
+fn write_all(
+    exports: &[Export<'_>],
+    files: &[PathBuf],
+    options: &ReadOptions,
+    format: ScanFormat,
+    monitor: &dyn Monitor,
+) -> Result<()> {
     let mut source = Source::new(options);
     let of = exports.len();
     let numbered = |number: usize| format!("scan {} of {of}", number + 1);
     if format == ScanFormat::E57 {
         let mut number = 0;
-        for file in &files {
+        for file in files {
             let members: Vec<&Export<'_>> = exports.iter().filter(|e| e.file == *file).collect();
             let scans = members.iter().map(|export| {
                 number += 1;
@@ -97,14 +124,11 @@ pub fn export_scans(
             });
             io::write_e57(file, &identity(&members), scans)?;
         }
-    } else {
-        for (number, export) in exports.iter().enumerate() {
-            write_one(&mut source, export, format, &numbered(number), monitor)?;
-        }
+        return Ok(());
     }
-    let placed = |entry: &&Entry| exports.iter().any(|e| e.entry.id == entry.id);
-    let left_out = document.scans.iter().filter(|entry| !placed(entry)).map(|e| e.name.clone()).collect();
-    Ok(Exported { files, left_out })
+    let mut numbers = exports.iter().enumerate();
+    numbers
+        .try_for_each(|(number, export)| write_one(&mut source, export, format, &numbered(number), monitor))
 }
 
 /// Refuses to write over what is to be read: the moved scan would be taken for the scan.

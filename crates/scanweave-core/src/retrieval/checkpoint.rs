@@ -9,6 +9,7 @@ use super::head::HeadWeights;
 use super::netvlad::NetVlad;
 use crate::atomic;
 use crate::error::{Error, Result};
+use crate::tensor_file;
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
 use serde::{Deserialize, Serialize};
@@ -108,8 +109,9 @@ pub struct Checkpoint {
     pub optimizer: Option<OptimizerState>,
 }
 
-/// The JSON beside the tensors.
+/// The JSON beside the tensors. No other field: one whose name has a flipped bit must not be passed over.
 #[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 struct Envelope {
     meta: CheckpointMeta,
     /// BLAKE3 of all tensors in name order, so that a flipped bit is noticed.
@@ -151,7 +153,7 @@ impl Checkpoint {
             .collect::<std::result::Result<_, safetensors::SafeTensorError>>()
             .map_err(|e| fail(e.to_string()))?;
         // One key only: the order of several would differ between runs.
-        let info = HashMap::from([(META_KEY.to_owned(), json)]);
+        let info = HashMap::from([(META_KEY.to_owned(), tensor_file::sealed(&json))]);
         safetensors::serialize(views, Some(info)).map_err(|e| fail(e.to_string()))
     }
 
@@ -196,8 +198,9 @@ impl Checkpoint {
             .and_then(|m| m.get(META_KEY))
             .ok_or_else(|| broken("a safetensors file of another program".into()))?;
         check_version(json).map_err(broken)?;
+        let json = tensor_file::unsealed(json).map_err(broken)?;
         let envelope: Envelope =
-            serde_json::from_str(json).map_err(|e| broken(format!("unreadable metadata ({e})")))?;
+            serde_json::from_str(&json).map_err(|e| broken(format!("unreadable metadata ({e})")))?;
         let mut stored = BTreeMap::new();
         for (name, view) in file.tensors() {
             if view.dtype() != Dtype::F32 {
@@ -395,6 +398,12 @@ mod tests {
         *flipped.last_mut().unwrap() ^= 1;
         std::fs::write(&path, &flipped).unwrap();
         assert!(Checkpoint::load(&path).unwrap_err().to_string().contains("checksum"));
+        // Metadata too: what a head was trained on, its settings, the steps of the optimiser.
+        for at in 0..bytes.len() {
+            let mut flipped = bytes.clone();
+            flipped[at] ^= 1;
+            assert!(Checkpoint::from_bytes(&path, &flipped).is_err(), "byte {at}");
+        }
         std::fs::write(&path, b"ply\nformat ascii 1.0\n").unwrap();
         assert!(Checkpoint::load(&path).unwrap_err().to_string().contains("not a whole safetensors file"));
         let other: Vec<(String, TensorView<'_>)> = Vec::new();

@@ -1,6 +1,6 @@
 //! Fusing global features with their nearest neighbours.
 
-use super::similarity::{ROWS, squared_distance};
+use super::similarity::{ROWS, squared_distances};
 use crate::error::Result;
 use crate::monitor::Monitor;
 use rayon::prelude::*;
@@ -30,9 +30,12 @@ pub fn fuse(
         monitor.check(STAGE)?;
         let first = block * ROWS;
         let mut nearest = vec![Vec::with_capacity(neighbours + 1); own.len()];
+        let rows: Vec<&[f32]> = own.iter().map(Vec::as_slice).collect();
         for (j, other) in features.iter().enumerate().filter(|_| neighbours > 0) {
-            for (k, own) in own.iter().enumerate().filter(|(k, _)| first + k != j) {
-                offer(&mut nearest[k], (squared_distance(own, other), j), neighbours);
+            for (k, squared) in squared_distances(&rows, other).into_iter().enumerate() {
+                if first + k != j {
+                    offer(&mut nearest[k], (squared, j), neighbours);
+                }
             }
         }
         monitor.advance(own.len());

@@ -14,7 +14,22 @@ impl SimilarityMatrix {
     ///
     /// # Errors
     /// When the length is not `n²` or a value is not finite.
-    pub fn new(n: usize, mut values: Vec<f32>) -> Result<Self> {
+    pub fn new(n: usize, values: Vec<f32>) -> Result<Self> {
+        Self::mirrored(n, values, |below, above| 0.5 * (below + above))
+    }
+
+    /// Wraps the values below the diagonal of row-major `values` `[n·n]`; what stands elsewhere is finite.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn of_lower(n: usize, values: Vec<f32>) -> Result<Self> {
+        Self::mirrored(n, values, |below, _| below)
+    }
+
+    /// What stands on both sides of the diagonal is made of what stands below and above it.
+    fn mirrored(n: usize, mut values: Vec<f32>, both: impl Fn(f32, f32) -> f32) -> Result<Self> {
+        /// Rows and columns of the tiles that are gone through: a column alone would fetch a line of the cache a value.
+        const TILE: usize = 64;
         if values.len() != n * n || values.iter().any(|v| !v.is_finite()) {
             return Err(Error::input(
                 "similarity matrix",
@@ -23,14 +38,17 @@ impl SimilarityMatrix {
                 "compute it again from the features of these scans",
             ));
         }
-        for i in 0..n {
-            values[i * n + i] = 0.0;
-            for j in 0..i {
-                let mean = 0.5 * (values[i * n + j] + values[j * n + i]);
-                values[i * n + j] = mean;
-                values[j * n + i] = mean;
+        for top in (0..n).step_by(TILE) {
+            for left in (0..=top).step_by(TILE) {
+                for i in top..n.min(top + TILE) {
+                    for j in left..i.min(left + TILE) {
+                        let value = both(values[i * n + j], values[j * n + i]);
+                        (values[i * n + j], values[j * n + i]) = (value, value);
+                    }
+                }
             }
         }
+        (0..n).for_each(|i| values[i * n + i] = 0.0);
         Ok(Self { n, values })
     }
 

@@ -208,8 +208,8 @@ fn features_caches_and_checkpoints_take_no_more() {
             &keypoints,
             Box::new(|| io::features::read_npz(&keypoints).map(|_| ())),
         ),
-        ("kept pairs, 10^12", &pairs, Box::new(|| io::pairs::read(&pairs).map(|_| ()))),
-        ("kept pairs, 1 GiB packed", &packed, Box::new(|| io::pairs::read(&packed).map(|_| ()))),
+        ("kept pairs, 10^12", &pairs, Box::new(|| io::pairs::read(&pairs, "").map(|_| ()))),
+        ("kept pairs, 1 GiB packed", &packed, Box::new(|| io::pairs::read(&packed, "").map(|_| ()))),
         ("checkpoint, a description of 2^63 bytes", &endless, Box::new(|| load(&endless))),
         ("checkpoint, a tensor of 4 TB", &beyond, Box::new(|| load(&beyond))),
     ];

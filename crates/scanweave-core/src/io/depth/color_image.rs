@@ -3,7 +3,7 @@
 use super::image_size::same_aspect;
 use super::png_file;
 use crate::files;
-use crate::io::scan_file::Note;
+use crate::io::scan_file::{Note, ReadOptions};
 use crate::io::unpack_limit::UnpackLimit;
 use std::path::Path;
 use zune_jpeg::JpegDecoder;
@@ -29,10 +29,20 @@ struct ColorImage {
 ///
 /// The colour image is taken as registered to the depth image: the same view, of the same size or a
 /// larger or smaller one. Scans need no colours, so an image that does not fit is no error.
-pub(super) fn colors_of(path: &Path, width: usize, height: usize) -> (Option<Vec<[u8; 3]>>, Option<Note>) {
+pub(super) fn colors_of(
+    path: &Path,
+    width: usize,
+    height: usize,
+    options: &ReadOptions,
+) -> (Option<Vec<[u8; 3]>>, Option<Note>) {
     let bytes = files::read(path).map_err(|e| e.to_string());
-    let Ok(image) = bytes.and_then(|bytes| decode(&bytes)) else {
-        return (None, Some(Note::warning("colour images that cannot be read are left out")));
+    let image = match bytes.and_then(|bytes| decode(&bytes, options)) {
+        Ok(image) => image,
+        Err(found) if found == TOO_LARGE => {
+            let text = "colour images that unpack to more than input.unpack_limit_mib allows are left out";
+            return (None, Some(Note::warning(text)));
+        }
+        Err(_) => return (None, Some(Note::warning("colour images that cannot be read are left out"))),
     };
     if (image.width, image.height) == (width, height) {
         return (Some(image.rgb), None);
@@ -57,8 +67,8 @@ impl ColorImage {
     }
 }
 
-fn decode(bytes: &[u8]) -> Result<ColorImage, String> {
-    let limit = UnpackLimit::of_other(bytes.len() as u64).bytes();
+fn decode(bytes: &[u8], options: &ReadOptions) -> Result<ColorImage, String> {
+    let limit = UnpackLimit::of_scan(options, bytes.len() as u64).bytes();
     if bytes.starts_with(b"\x89PNG") { decode_png(bytes, limit) } else { decode_jpeg(bytes, limit) }
 }
 
@@ -112,12 +122,30 @@ mod tests {
     }
 
     #[test]
+    fn the_limit_of_the_options_counts() {
+        // 600 x 600 black pixels: 1.03 MiB, a few hundred bytes when packed.
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, 600, 600);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.write_header().unwrap().write_image_data(&vec![0; 600 * 600 * 3]).unwrap();
+        let of = |mib| decode(&bytes, &ReadOptions { unpack_limit_mib: Some(mib), ..ReadOptions::default() });
+        assert_eq!(of(1).unwrap_err(), TOO_LARGE);
+        assert_eq!(of(2).unwrap().rgb.len(), 360_000);
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("c.png");
+        std::fs::write(&path, &bytes).unwrap();
+        let options = ReadOptions { unpack_limit_mib: Some(1), ..ReadOptions::default() };
+        let (colors, note) = colors_of(&path, 600, 600, &options);
+        assert!(colors.is_none() && note.unwrap().text.contains("input.unpack_limit_mib"));
+    }
+
+    #[test]
     fn a_jpeg_that_states_more_than_its_bytes_can_hold_is_refused_before_decoding() {
         // Start of image, a frame of 16000 x 16000 grey pixels, and the start of a scan.
         let frame = [0xff, 0xc0, 0, 11, 8, 0x3e, 0x80, 0x3e, 0x80, 1, 1, 0x11, 0];
         let scan = [0xff, 0xda, 0, 8, 1, 1, 0, 0, 63, 0, 0xff, 0xd9];
         let bytes = [&[0xff, 0xd8][..], &frame, &scan].concat();
-        let error = decode(&bytes).unwrap_err();
+        let error = decode(&bytes, &ReadOptions::default()).unwrap_err();
         assert!(error.contains("states 16000x16000 pixels, more than"), "{error}");
     }
 }

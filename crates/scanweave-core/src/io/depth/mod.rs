@@ -50,7 +50,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<S
     let (units, note) = find_units(&frame, &camera, options.depth_units_per_m)?;
     notes.extend(note);
     notes.extend(implausible(&image, units));
-    let color = frame.color_image().map(|path| colors_of(&path, image.width, image.height));
+    let color = frame.color_image().map(|path| colors_of(&path, image.width, image.height, options));
     let (colors, note) = color.unwrap_or_default();
     notes.extend(note);
     let (pose, note) = pose_beside(&frame);

@@ -59,6 +59,8 @@ pub struct Agglomeration<'a> {
     /// Keypoints of every scan, in its frame.
     pub(super) keypoints: Vec<&'a [Point]>,
     pub(super) pairs: Vec<ScanPair>,
+    /// The pairs that a scan is in, ascending.
+    pub(super) pairs_by_scan: BTreeMap<ScanId, Vec<usize>>,
     pub(super) components: BTreeMap<ComponentId, Component>,
     pub(super) edges: BTreeMap<(ComponentId, ComponentId), ComponentEdge>,
     pub(super) next: ComponentId,
@@ -110,6 +112,7 @@ impl<'a> Agglomeration<'a> {
             multiview_icp: &config.multiview_icp,
             keypoints,
             pairs: Vec::new(),
+            pairs_by_scan: BTreeMap::new(),
             components,
             edges: BTreeMap::new(),
             next,
@@ -157,8 +160,33 @@ impl<'a> Agglomeration<'a> {
 
     /// Takes in more registered pairs.
     pub fn add_pairs(&mut self, pairs: Vec<ScanPair>) {
+        for (p, pair) in (self.pairs.len()..).zip(&pairs) {
+            for scan in [pair.i, pair.j] {
+                self.pairs_by_scan.entry(scan).or_default().push(p);
+            }
+        }
         self.pairs.extend(pairs);
         self.rebuild_edges();
+    }
+
+    /// The pairs that a scan is in, each with its other scan.
+    pub(super) fn pairs_of(&self, scan: ScanId) -> Vec<(usize, ScanId)> {
+        let of_scan = self.pairs_by_scan.get(&scan).into_iter().flatten();
+        let other = |pair: &ScanPair| if scan == pair.j { pair.i } else { pair.j };
+        of_scan.map(|&p| (p, other(&self.pairs[p]))).collect()
+    }
+
+    /// The pairs of two scans of a component, in their order.
+    pub(super) fn pairs_within(&self, component: &Component) -> Vec<&ScanPair> {
+        let members: BTreeSet<ScanId> = component.members.iter().map(|m| m.0).collect();
+        let of = |scan: &ScanId| self.pairs_by_scan.get(scan).into_iter().flatten().copied();
+        let is_within = |&p: &usize| members.contains(&self.pairs[p].j);
+        let from = |scan: &ScanId| -> Vec<usize> {
+            of(scan).filter(|&p| self.pairs[p].i == *scan).filter(is_within).collect()
+        };
+        let mut within: Vec<usize> = members.iter().flat_map(from).collect();
+        within.sort_unstable();
+        within.into_iter().map(|p| &self.pairs[p]).collect()
     }
 
     pub(super) fn posed(&self, members: &[(ScanId, RigidMotion)]) -> Vec<Posed<'a>> {

@@ -1,6 +1,7 @@
 //! What registered pairs of scans say of the relative pose of two components.
 
 use super::agglomeration::{Agglomeration, Component, ComponentId};
+use super::pairs::most_similar;
 use super::trial::WORTH_TRYING;
 use crate::geometry::RigidMotion;
 use crate::geometry::rigid::same_motion;
@@ -58,10 +59,13 @@ impl Agglomeration<'_> {
             }
         }
         let mut old = std::mem::take(&mut self.edges);
-        let made = between.into_iter().map(|(key, pairs)| match old.remove(&key) {
-            Some(edge) if edge.pairs == pairs => (key, edge),
-            _ => (key, self.edge(key, pairs)),
-        });
+        let known: Vec<_> = between
+            .into_iter()
+            .map(|(key, pairs)| (key, old.remove(&key).filter(|edge| edge.pairs == pairs), pairs))
+            .collect();
+        let made = known
+            .into_par_iter()
+            .map(|(key, known, pairs)| (key, known.unwrap_or_else(|| self.edge(key, pairs))));
         self.edges = made.collect();
     }
 
@@ -248,20 +252,26 @@ impl Agglomeration<'_> {
     /// largest component up to forty of the most similar ones, all scans as many, so that there are no
     /// more of these pairs than were registered before.
     pub fn unseen_pairs(&self, similarity: &SimilarityMatrix) -> Vec<(ScanId, ScanId)> {
-        let seen: BTreeSet<(ScanId, ScanId)> = self.pairs.iter().map(|p| (p.i, p.j)).collect();
         let ordered = |i: ScanId, j: ScanId| (i.min(j), i.max(j));
         let home: BTreeMap<ScanId, ComponentId> =
             self.components.iter().flat_map(|(&id, c)| c.members.iter().map(move |m| (m.0, id))).collect();
+        let home: Vec<(ScanId, ComponentId)> = home.into_iter().collect();
         let largest = self.components.iter().max_by_key(|(id, c)| (c.members.len(), Reverse(**id)));
         let largest = largest.map(|(&id, _)| id);
+        let apart: Vec<(ScanId, ComponentId)> =
+            home.iter().copied().filter(|h| Some(h.1) != largest).collect();
+        let partners: Vec<(ScanId, Vec<ScanId>)> = apart
+            .into_par_iter()
+            .map(|(i, of_i)| {
+                let seen: BTreeSet<ScanId> = self.pairs_of(i).into_iter().map(|p| p.1).collect();
+                let others = home.iter().filter(|&(j, of_j)| *of_j != of_i && !seen.contains(j));
+                (i, most_similar(similarity, i, others.map(|h| h.0), ROUND_PARTNERS))
+            })
+            .collect();
         // Every pair with the better of its ranks among those of its two scans.
         let mut rank: BTreeMap<(ScanId, ScanId), usize> = BTreeMap::new();
-        for (&i, &of_i) in home.iter().filter(|&(_, &of_i)| Some(of_i) != largest) {
-            let others = home.iter().filter(|&(_, &of_j)| of_j != of_i).map(|(&j, _)| j);
-            let mut others: Vec<ScanId> = others.filter(|&j| !seen.contains(&ordered(i, j))).collect();
-            let like = |j: &ScanId| similarity.get(i.0, j.0);
-            others.sort_by(|a, b| like(b).total_cmp(&like(a)).then(a.cmp(b)));
-            for (r, j) in others.into_iter().take(ROUND_PARTNERS).enumerate() {
+        for (i, others) in partners {
+            for (r, j) in others.into_iter().enumerate() {
                 rank.entry(ordered(i, j)).and_modify(|known| *known = r.min(*known)).or_insert(r);
             }
         }

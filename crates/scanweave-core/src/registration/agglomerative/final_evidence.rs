@@ -2,9 +2,10 @@
 
 use super::agglomeration::{Agglomeration, Component, ComponentId};
 use super::trial::REFUTED_RIVAL;
+use crate::error::Result;
 use crate::geometry::RigidMotion;
 use crate::geometry::rigid::same_motion;
-use crate::registration::agglomerative::pairs::ScanPair;
+use crate::monitor::Monitor;
 use crate::registration::verification::probability;
 use crate::registration::verification::verifier::{RIVAL, ScoredHypothesis, fit_stride};
 use crate::scan::{Evidence, PoseUncertainty, ScanId};
@@ -28,16 +29,6 @@ const PLACES: usize = 4;
 const CONTENDER: usize = 2;
 
 impl Agglomeration<'_> {
-    /// The pairs that a scan is in, each with its other scan.
-    pub(super) fn pairs_of(&self, scan: ScanId) -> Vec<(usize, ScanId)> {
-        let other = |(p, pair): (usize, &ScanPair)| match scan {
-            _ if scan == pair.j => Some((p, pair.i)),
-            _ if scan == pair.i => Some((p, pair.j)),
-            _ => None,
-        };
-        self.pairs.iter().enumerate().filter_map(other).collect()
-    }
-
     /// Of the pairs that a scan is in, those with scans of a group, and the poses in the group that their
     /// hypotheses give it, each with its probability; most probable first.
     pub(super) fn proposals_for(
@@ -123,35 +114,46 @@ impl Agglomeration<'_> {
 
     /// The finished components, each with the final evidence of every member and how firmly it is held;
     /// of a scan alone the evidence of the best join that it was offered.
-    pub fn finish(self) -> Vec<Finished> {
+    ///
+    /// # Errors
+    /// Only when the monitor is cancelled.
+    pub fn finish(self, monitor: &dyn Monitor) -> Result<Vec<Finished>> {
+        let mut edges_of: BTreeMap<ComponentId, Vec<(ComponentId, ComponentId)>> = BTreeMap::new();
+        for &key in self.edges.keys() {
+            [key.0, key.1].iter().for_each(|id| edges_of.entry(*id).or_default().push(key));
+        }
         let offered = |id: ComponentId| {
-            let edges = self.edges.iter().filter(|(key, _)| key.0 == id || key.1 == id);
+            let edges = edges_of.get(&id).into_iter().flatten().map(|key| (key, &self.edges[key]));
             // The last refinement may have made edges anew: then they are looked at once more.
             let best = edges
                 .filter_map(|(key, edge)| edge.best().or_else(|| self.score(*key, edge).first().copied()));
             best.max_by(|x, y| x.0.probability().total_cmp(&y.0.probability()))
                 .map_or_else(Evidence::default, |a| a.0.evidence)
         };
-        let member_evidence: Vec<Vec<Evidence>> = self
-            .components
-            .iter()
-            .map(|(&id, c)| match c.members.len() {
-                1 => vec![offered(id)],
-                n => (0..n)
-                    .into_par_iter()
-                    .map(|m| self.against_others(id, c.members[m].0, self.final_score(c, m).evidence))
-                    .collect(),
-            })
-            .collect();
+        let evidence_of_members = |(&id, c): (&ComponentId, &Component)| {
+            let of_member = |m: usize| {
+                monitor.check("registration")?;
+                Ok(match c.members.len() {
+                    1 => offered(id),
+                    _ => self.against_others(id, c.members[m].0, self.final_score(c, m).evidence),
+                })
+            };
+            (0..c.members.len()).into_par_iter().map(of_member).collect::<Result<Vec<Evidence>>>()
+        };
+        let member_evidence: Vec<Vec<Evidence>> =
+            self.components.iter().map(evidence_of_members).collect::<Result<_>>()?;
+        let uncertainties_of = |c: &Component| {
+            monitor.check("registration")?;
+            Ok(self.uncertainties(c))
+        };
         let uncertainties: Vec<Vec<PoseUncertainty>> =
-            self.components.values().map(|c| self.uncertainties(c)).collect();
+            self.components.values().map(uncertainties_of).collect::<Result<_>>()?;
         let finished = self.components.into_values().zip(member_evidence).zip(uncertainties);
-        finished
-            .map(|((component, member_evidence), uncertainties)| Finished {
-                component,
-                member_evidence,
-                uncertainties,
-            })
-            .collect()
+        let finished = finished.map(|((component, member_evidence), uncertainties)| Finished {
+            component,
+            member_evidence,
+            uncertainties,
+        });
+        Ok(finished.collect())
     }
 }

@@ -108,7 +108,7 @@ pub(super) fn register(
         }
     }
     // 7
-    let components = agglomeration.finish();
+    let components = agglomeration.finish(monitor)?;
     Ok(conclusion::conclude(scans, components, &mut refusals, &verifier, config))
 }
 

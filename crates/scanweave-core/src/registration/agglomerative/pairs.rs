@@ -70,18 +70,34 @@ pub fn most_similar_pairs(
     neighbours: usize,
 ) -> Vec<(ScanId, ScanId)> {
     let mut pairs: Vec<(ScanId, ScanId)> = usable
-        .iter()
-        .flat_map(|&i| {
-            let mut others: Vec<ScanId> = usable.iter().copied().filter(|&j| j != i).collect();
-            others
-                .sort_by(|a, b| similarity.get(i.0, b.0).total_cmp(&similarity.get(i.0, a.0)).then(a.cmp(b)));
-            others.truncate(neighbours);
-            others.into_iter().map(move |j| (i.min(j), i.max(j)))
+        .par_iter()
+        .flat_map_iter(|&i| {
+            let others = usable.iter().copied().filter(|&j| j != i);
+            most_similar(similarity, i, others, neighbours).into_iter().map(move |j| (i.min(j), i.max(j)))
         })
         .collect();
     pairs.sort_unstable();
     pairs.dedup();
     pairs
+}
+
+/// The scans among `others` that are most similar to a scan, the most similar first, of equal ones the lower.
+pub(super) fn most_similar(
+    similarity: &SimilarityMatrix,
+    scan: ScanId,
+    others: impl Iterator<Item = ScanId>,
+    at_most: usize,
+) -> Vec<ScanId> {
+    let like = similarity.row(scan.0);
+    let order = |a: &ScanId, b: &ScanId| like[b.0].total_cmp(&like[a.0]).then(a.cmp(b));
+    let mut others: Vec<ScanId> = others.collect();
+    if at_most < others.len() {
+        // Thousands of scans are not sorted for the sake of a few.
+        others.select_nth_unstable_by(at_most, order);
+        others.truncate(at_most);
+    }
+    others.sort_by(order);
+    others
 }
 
 /// Registered pairs, with the probabilities that the whole collection leaves their hypotheses.

@@ -85,7 +85,9 @@ impl Agglomeration<'_> {
             moved.push((id, self.moved(&self.components[&id].members, &component.members)));
             self.components.insert(id, component);
         }
-        moved.iter().for_each(|(id, scans)| self.rescore_edges(*id, scans));
+        // Most of thousands of scans alone, and their edges are not gone through for nothing.
+        let moved = moved.iter().filter(|(_, scans)| !scans.is_empty());
+        moved.for_each(|(id, scans)| self.rescore_edges(*id, scans));
         Ok(())
     }
 
@@ -144,8 +146,8 @@ impl Agglomeration<'_> {
     ) -> Vec<MatchedPair> {
         let place: BTreeMap<ScanId, usize> =
             component.members.iter().enumerate().map(|(m, member)| (member.0, m)).collect();
-        self.pairs
-            .par_iter()
+        self.pairs_within(component)
+            .into_par_iter()
             .filter_map(|pair| {
                 let (&i, &j) = (place.get(&pair.i)?, place.get(&pair.j)?);
                 let i_from_j = component.members[i].1.inverse() * component.members[j].1;

@@ -39,7 +39,7 @@ impl Agglomeration<'_> {
             scans: join.scans,
             probability: join.evidence.probability.unwrap_or(0.0),
         });
-        let pairs = self.pairs.iter().filter_map(|pair| {
+        let pairs = self.pairs_within(component).into_iter().filter_map(|pair| {
             let i_from_j = poses.get(&pair.i)?.inverse() * poses.get(&pair.j)?;
             let centre = self.verifier.models[pair.j.0].centre.cast();
             let agrees = |motion| same_motion(motion, &i_from_j, &centre, self.verifier.radius_m);
