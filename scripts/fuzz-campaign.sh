@@ -19,7 +19,7 @@ mapfile -t kinds < <(if [[ $# -gt 0 ]]; then printf '%s\n' "$@"; else cargo +nig
 
 echo "== whole files by the project's writers"
 SCANWEAVE_SEEDS="$PWD/fuzz/corpus" CARGO_TARGET_DIR="$target_dir" \
-    cargo test --release --quiet --test mutations whole_files
+    cargo test --release --quiet -p scanweave-core --test mutations whole_files
 
 echo "== programs with the address sanitizer"
 if [[ $# -gt 0 ]]; then
@@ -70,5 +70,5 @@ echo "$total executions, ${#kinds[@]} kinds, $found with findings"
 
 echo "== damaged files without instrumentation, $seconds s for each kind"
 SCANWEAVE_MUTATION_SECONDS="$seconds" SCANWEAVE_MUTATION_KINDS="$(IFS=,; echo "${kinds[*]}")" \
-    CARGO_TARGET_DIR="$target_dir" cargo test --release --quiet --test mutations damaged_files -- --nocapture
+    CARGO_TARGET_DIR="$target_dir" cargo test --release --quiet -p scanweave-core --test mutations damaged_files -- --nocapture
 [[ "$found" == 0 ]]

@@ -17,6 +17,11 @@ use scanweave_core::synchronization::LitsWeights;
 use scanweave_core::{Config, PointCloud, config::Layers, retrieval};
 use std::path::Path;
 
+/// Content of a file whose checksums fit.
+type Seal = fn(&[u8]) -> Vec<u8>;
+/// Whether a file was read.
+type Check = fn(&Place, &[u8]) -> bool;
+
 /// A kind of file.
 #[derive(Clone, Copy)]
 pub struct Document {
@@ -24,7 +29,7 @@ pub struct Document {
     pub name: &'static str,
     read: Read,
     /// Makes content into a file whose checksums fit, so that what lies behind them is reached.
-    sealed: Option<fn(&[u8]) -> Vec<u8>>,
+    sealed: Option<Seal>,
 }
 
 #[derive(Clone, Copy)]
@@ -32,19 +37,19 @@ enum Read {
     /// As a scan, in a file of this name.
     Scan(&'static str),
     /// Says whether it was read, and panics where something does not hold.
-    With(fn(&Place, &[u8]) -> bool),
+    With(Check),
 }
 
 const fn scan(name: &'static str, file: &'static str) -> Document {
     Document { name, read: Read::Scan(file), sealed: None }
 }
 
-const fn other(name: &'static str, read: fn(&Place, &[u8]) -> bool) -> Document {
+const fn other(name: &'static str, read: Check) -> Document {
     Document { name, read: Read::With(read), sealed: None }
 }
 
 impl Document {
-    const fn sealed(self, by: fn(&[u8]) -> Vec<u8>) -> Self {
+    const fn sealed(self, by: Seal) -> Self {
         Self { sealed: Some(by), ..self }
     }
 
