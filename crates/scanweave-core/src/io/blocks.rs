@@ -64,8 +64,10 @@ impl PointBlocks for Held {
     }
 
     fn place_sensor(&self, sample: &mut PointCloud) {
-        let relative = self.0.origin_m - sample.origin_m;
-        sample.viewpoint = self.0.viewpoint.map(|v| (v.cast::<f64>() + relative).cast::<f32>());
+        let Self(cloud) = self;
+        if let Some(viewpoint) = cloud.viewpoint {
+            sample.set_viewpoint(viewpoint.coords.cast::<f64>() + cloud.origin_m);
+        }
     }
 }
 
@@ -100,11 +102,7 @@ impl PointBlocks for InUnit {
 ///
 /// # Errors
 /// [`Error::Read`] when the system refuses; those of a damaged file.
-pub(crate) fn open_blocks(
-    path: &Path,
-    part: usize,
-    options: &ReadOptions,
-) -> Result<Option<Box<dyn PointBlocks>>> {
+pub fn open_blocks(path: &Path, part: usize, options: &ReadOptions) -> Result<Option<Box<dyn PointBlocks>>> {
     let refused = |e| Error::read(path, e);
     let mut head = Vec::new();
     files::open(path)?.take(HEAD_BYTES).read_to_end(&mut head).map_err(refused)?;

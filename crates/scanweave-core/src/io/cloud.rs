@@ -130,6 +130,7 @@ fn in_metres(mut file: ScanFile, format: Format, options: &ReadOptions) -> ScanF
         for scan in &mut file.scans {
             scan.cloud.scale(unit_m);
             scan.pose.iter_mut().for_each(|pose| pose.translation.vector *= unit_m);
+            scan.pose = scan.pose.filter(|pose| pose.translation.vector.iter().all(|v| v.is_finite()));
         }
     }
     file

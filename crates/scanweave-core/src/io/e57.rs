@@ -8,10 +8,10 @@ use super::scanner::{drop_implausible_viewpoint, drop_poses_that_say_nothing};
 use super::unpack_limit::UnpackLimit;
 use super::vertices::Vertices;
 use crate::error::{Error, Result};
-use crate::geometry::{Point, RigidMotion};
+use crate::geometry::RigidMotion;
 use crate::scan::PointCloud;
 use ::e57::{CartesianCoordinate, E57Reader, RecordDataType};
-use nalgebra::{Quaternion, Translation3, UnitQuaternion};
+use nalgebra::{Quaternion, Translation3, UnitQuaternion, Vector3};
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
@@ -126,7 +126,7 @@ fn points<R: Read + Seek>(
 /// Puts the sensor at the zero of the scan where it has a pose or spherical coordinates.
 fn place_sensor(scan: &::e57::PointCloud, cloud: &mut PointCloud) {
     if scan.transform.is_some() || scan.has_spherical() {
-        cloud.viewpoint = Some(Point::from((-cloud.origin_m).cast::<f32>()));
+        cloud.set_viewpoint(Vector3::zeros());
     }
 }
 

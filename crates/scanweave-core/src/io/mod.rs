@@ -50,8 +50,7 @@ mod write_pcd;
 mod write_ply;
 
 pub use crate::atomic;
-pub(crate) use blocks::open_blocks;
-pub use blocks::{BLOCK_POINTS, Held, PointBlocks, Summary, TakeBlock, move_block};
+pub use blocks::{BLOCK_POINTS, Held, PointBlocks, Summary, TakeBlock, move_block, open_blocks};
 pub use cloud::{read_cloud, read_file};
 pub use discover::{Discovered, FoundFile, LeftOut, discover, discover_with, scan_files};
 pub use merged::{merged_run, read_merged};

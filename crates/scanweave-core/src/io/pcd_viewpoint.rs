@@ -38,7 +38,7 @@ pub(super) fn place_sensor(sensor: &Sensor, cloud: &mut PointCloud) -> Option<Ri
     if away > FURTHEST_IN_EXTENTS {
         return None;
     }
-    cloud.viewpoint = Some(Point::from((stands - cloud.origin_m).cast::<f32>()));
+    cloud.set_viewpoint(stands);
     pose
 }
 

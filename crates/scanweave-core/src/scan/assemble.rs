@@ -61,11 +61,13 @@ pub(crate) fn assemble_with(
             normals.iter_mut().zip(normal).for_each(|(all, normal)| all.push(Direction::from(normal(i))));
         }
     }
-    let viewpoint = viewpoint_m
-        .filter(|v| v.iter().all(|c| c.is_finite()))
-        .map(|v| Point::from((Vector3::from(v) - origin_m).cast::<f32>()));
     let dropped_rows = rows - points.len();
-    PointCloud { points, colors, intensities, normals, origin_m, viewpoint, dropped_rows, stray_points: 0 }
+    let mut cloud =
+        PointCloud { points, colors, intensities, normals, origin_m, dropped_rows, ..PointCloud::default() };
+    if let Some(viewpoint_m) = viewpoint_m {
+        cloud.set_viewpoint(viewpoint_m.into());
+    }
+    cloud
 }
 
 /// No colours, spelled so that the type of the closure is known.
@@ -87,7 +89,9 @@ pub(crate) fn choose_origin(rows: usize, xyz_m: &impl Fn(usize) -> [f64; 3]) -> 
     let away = |p: &[f64; 3]| (Vector3::from(*p) - Vector3::from(middle)).amax();
     let spread = median(sample.iter().map(away).collect());
     let step = 10f64.powf((LARGE_IN_SPREADS * spread).log10().ceil());
-    middle.map(|m| if m.abs() > step && step > 0.0 { (m / step).round() * step } else { 0.0 }).into()
+    // At the ends of double precision a multiple of the step may have no number.
+    let rounded = |m: f64| Some((m / step).round() * step).filter(|r| r.is_finite()).unwrap_or(m);
+    middle.map(|m| if m.abs() > step && step > 0.0 { rounded(m) } else { 0.0 }).into()
 }
 
 #[cfg(test)]
@@ -106,6 +110,19 @@ mod tests {
             assert!((back - Vector3::from(row)).amax() < 1e-5, "{back:?}");
         }
         assert!((cloud.viewpoint.unwrap() - Point::new(-50.0, 45.0, 0.0)).norm() < 1e-4);
+    }
+
+    #[test]
+    fn an_origin_and_a_viewpoint_are_finite_whatever_the_rows_are() {
+        // The spread is a number of its own kind beside 1, and the multiple of 10^308 above 1.7e308 is none.
+        for rows in [[[1.0, 0.0, 0.0], [1.0, 1e-320, 0.0]], [[1.7e308, 0.0, 0.0], [1.7e308, 5e306, 0.0]]] {
+            let cloud = assemble(2, |i| rows[i], NO_COLORS, Some([0.0; 3]));
+            assert_eq!(cloud.origin_m, Vector3::new(rows[0][0], 0.0, 0.0));
+            // Beyond single precision nothing is known of the sensor.
+            assert_eq!(cloud.viewpoint.is_some(), rows[0][0] == 1.0);
+        }
+        assert_eq!(assemble(1, |_| [1.0; 3], NO_COLORS, Some([1e300, 0.0, 0.0])).viewpoint, None);
+        assert_eq!(assemble(1, |_| [1.0; 3], NO_COLORS, Some([f64::NAN, 0.0, 0.0])).viewpoint, None);
     }
 
     #[test]

@@ -55,12 +55,38 @@ impl PointCloud {
         RigidMotion::translation(self.origin_m.x, self.origin_m.y, self.origin_m.z)
     }
 
-    /// Multiplies all lengths, as where a file's unit is not the metre.
+    /// Puts the sensor at a place in the coordinates of the file; it stays unknown where single precision has
+    /// no number for that beside the origin.
+    pub(crate) fn set_viewpoint(&mut self, file_m: Vector3<f64>) {
+        self.viewpoint = Some(Point::from((file_m - self.origin_m).cast::<f32>())).filter(is_finite);
+    }
+
+    /// Multiplies all lengths, as where a file's unit is not the metre. Points that have no number in the new
+    /// unit are left out and counted.
     pub(crate) fn scale(&mut self, factor: f64) {
         let scaled = |p: &Point| Point::from((p.coords.cast::<f64>() * factor).cast::<f32>());
         self.points.iter_mut().for_each(|p| *p = scaled(p));
-        self.viewpoint.iter_mut().for_each(|p| *p = scaled(p));
+        self.viewpoint = self.viewpoint.as_ref().map(scaled).filter(is_finite);
         self.origin_m *= factor;
+        if !self.origin_m.iter().all(|v| v.is_finite()) {
+            let dropped_rows = self.dropped_rows + self.len();
+            *self = Self { dropped_rows, stray_points: self.stray_points, ..Self::default() };
+        } else if !self.points.iter().all(is_finite) {
+            self.keep_finite();
+        }
+    }
+
+    fn keep_finite(&mut self) {
+        let keep: Vec<bool> = self.points.iter().map(is_finite).collect();
+        fn retain<T>(all: &mut Vec<T>, keep: &[bool]) {
+            let mut keep = keep.iter();
+            all.retain(|_| keep.next().is_some_and(|keep| *keep));
+        }
+        self.dropped_rows += keep.iter().filter(|keep| !**keep).count();
+        retain(&mut self.points, &keep);
+        self.colors.iter_mut().for_each(|all| retain(all, &keep));
+        self.intensities.iter_mut().for_each(|all| retain(all, &keep));
+        self.normals.iter_mut().for_each(|all| retain(all, &keep));
     }
 
     /// Number of points.
@@ -72,6 +98,10 @@ impl PointCloud {
     pub fn is_empty(&self) -> bool {
         self.points.is_empty()
     }
+}
+
+fn is_finite(point: &Point) -> bool {
+    point.coords.iter().all(|v| v.is_finite())
 }
 
 /// One scan: an id, a name for people, and its points.
@@ -129,8 +159,7 @@ impl Scan {
 
     /// The same scan seen from where the sensor stood, in the coordinates of the points, metres.
     pub fn with_viewpoint(mut self, viewpoint_m: [f64; 3]) -> Self {
-        let relative = Vector3::from(viewpoint_m) - self.cloud.origin_m;
-        self.cloud.viewpoint = Some(Point::from(relative.cast::<f32>()));
+        self.cloud.set_viewpoint(viewpoint_m.into());
         self
     }
 }
@@ -138,6 +167,26 @@ impl Scan {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_has_no_number_in_another_unit_is_left_out() {
+        let cloud = PointCloud {
+            colors: Some(vec![[1; 3], [2; 3], [3; 3]]),
+            viewpoint: Some(Point::new(1e37, 0.0, 0.0)),
+            dropped_rows: 2,
+            ..PointCloud::from_points([1.0, 1e36, 2.0].map(|x| Point::new(x, 0.0, 0.0)).to_vec())
+        };
+        let scaled = |cloud: &PointCloud| {
+            let mut scaled = cloud.clone();
+            scaled.scale(1e3);
+            scaled
+        };
+        let kept = scaled(&cloud);
+        assert_eq!(kept.points, [1e3, 2e3].map(|x| Point::new(x, 0.0, 0.0)));
+        assert_eq!((kept.colors, kept.viewpoint, kept.dropped_rows), (Some(vec![[1; 3], [3; 3]]), None, 3));
+        let far = scaled(&PointCloud { origin_m: Vector3::new(1e306, 0.0, 0.0), ..cloud });
+        assert_eq!((far.len(), far.origin_m, far.dropped_rows), (0, Vector3::zeros(), 5));
+    }
 
     #[test]
     fn points_of_a_program_keep_millimetres_colours_and_viewpoint() {

@@ -1,19 +1,34 @@
 //! An allocator that keeps count, so that a test sees the most memory that a call asked for.
+//!
+//! Every thread has a count of its own: readers do all their work on the thread that calls them, and tests run
+//! beside each other.
 
 use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
-use std::sync::{Mutex, PoisonError};
+use std::cell::Cell;
 use std::time::{Duration, Instant};
 
 struct Counting;
 
-static LIVE: AtomicUsize = AtomicUsize::new(0);
-static PEAK: AtomicUsize = AtomicUsize::new(0);
-/// Allocations of several measured calls must not add up.
-static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+thread_local! {
+    /// Bytes that live now and that lived at most. Negative where a thread freed what another had made.
+    static LIVE_AND_PEAK: Cell<[isize; 2]> = const { Cell::new([0; 2]) };
+}
+
+fn add(bytes: isize) {
+    // A thread that ends may free after its count is gone.
+    let _ = LIVE_AND_PEAK.try_with(|count| {
+        let [live, peak] = count.get();
+        let live = live.saturating_add(bytes);
+        count.set([live, peak.max(live)]);
+    });
+}
 
 fn grow(bytes: usize) {
-    PEAK.fetch_max(LIVE.fetch_add(bytes, Relaxed).saturating_add(bytes), Relaxed);
+    add(isize::try_from(bytes).unwrap_or(isize::MAX));
+}
+
+fn shrink(bytes: usize) {
+    add(isize::try_from(bytes).map_or(isize::MIN, |bytes| -bytes));
 }
 
 // SAFETY: every call goes to the system's allocator with the same arguments; counting touches no memory.
@@ -32,12 +47,12 @@ unsafe impl GlobalAlloc for Counting {
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         // Large blocks grow by pages that are moved, not copied: the old ones do not count again.
         grow(size.saturating_sub(layout.size()));
-        LIVE.fetch_sub(layout.size().saturating_sub(size), Relaxed);
+        shrink(layout.size().saturating_sub(size));
         unsafe { System.realloc(pointer, layout, size) }
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        LIVE.fetch_sub(layout.size(), Relaxed);
+        shrink(layout.size());
         unsafe { System.dealloc(pointer, layout) }
     }
 }
@@ -55,11 +70,11 @@ pub struct Cost {
 
 /// The outcome of a call, and its cost.
 pub fn cost_of<T>(call: impl FnOnce() -> T) -> (T, Cost) {
-    let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
-    let before = LIVE.load(Relaxed);
-    PEAK.store(before, Relaxed);
+    let before = LIVE_AND_PEAK.get()[0];
+    LIVE_AND_PEAK.set([before; 2]);
     let start = Instant::now();
     let outcome = call();
-    let cost = Cost { peak_bytes: PEAK.load(Relaxed).saturating_sub(before), took: start.elapsed() };
-    (outcome, cost)
+    let took = start.elapsed();
+    let peak_bytes = LIVE_AND_PEAK.get()[1].saturating_sub(before).unsigned_abs();
+    (outcome, Cost { peak_bytes, took })
 }
