@@ -1,7 +1,7 @@
 //! Whole files of every kind, a few kilobytes each, by the project's own writers: what mutations and fuzzing
 //! start from.
 
-use crate::documents::{SCANS, checksums};
+use crate::documents::{SCANS, SETTINGS, checksums};
 use crate::files::{self, gzip, npy, pcd, ply, ptx};
 use scanweave_core::descriptor::mini_spin_net;
 use scanweave_core::geometry::{Direction, Point, RigidMotion};
@@ -298,7 +298,7 @@ impl Seeds<'_> {
             ),
             (key(0, 1), (PairRegistration::default(), 0.0)),
         ]);
-        self.written("kept-pairs", |path| io::pairs::write(path, &pairs));
+        self.written("kept-pairs", |path| io::pairs::write(path, SETTINGS, &pairs));
     }
 
     fn networks(&mut self) {

@@ -17,6 +17,9 @@ use scanweave_core::synchronization::LitsWeights;
 use scanweave_core::{Config, PointCloud, config::Layers, retrieval};
 use std::path::Path;
 
+/// The settings that kept pairs belong to.
+pub const SETTINGS: &str = "settings";
+
 /// Content of a file whose checksums fit.
 type Seal = fn(&[u8]) -> Vec<u8>;
 /// Whether a file was read.
@@ -115,7 +118,7 @@ pub const DOCUMENTS: &[Document] = &[
     other("features", read_features),
     other("features-array", read_keypoint_array),
     other("keypoints-text", read_keypoint_text),
-    other("kept-pairs", |place, bytes| io::pairs::read(&place.put("pairs.npz", bytes)).is_ok()),
+    other("kept-pairs", |place, bytes| io::pairs::read(&place.put("pairs.npz", bytes), SETTINGS).is_ok()),
     other("head", |_, bytes| retrieval::Checkpoint::from_bytes(Path::new("head"), bytes).is_ok()),
     other("network", read_network),
     other("lits", |place, bytes| LitsWeights::load(&place.put("lits.safetensors", bytes)).is_ok()),
@@ -150,7 +153,7 @@ fn read_columns(place: &Place, bytes: &[u8]) -> bool {
 fn read_depth(place: &Place, bytes: &[u8]) -> bool {
     place.put("K.txt", b"5 5 4 3");
     let path = place.put("frame-000000.depth.png", bytes);
-    if let Ok(frame) = depth::read_frame(&path) {
+    if let Ok((frame, _)) = depth::read_frame(&path, &options()) {
         assert_eq!(
             frame.depth_m.len(),
             frame.intrinsics.width * frame.intrinsics.height,
