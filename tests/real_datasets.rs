@@ -116,8 +116,8 @@ fn fragments_of_a_walk_meet_where_they_overlap() {
     let fusion = FusionConfig { voxel_m: 0.01, truncation_m: 0.05, ..FusionConfig::default() };
     let config = FragmentConfig { fusion, ..FragmentConfig::default() };
     let fragment = |from: usize| {
-        let (walk, poses) = (&walk.scans[from..from + 10], &poses[from..from + 10]);
-        let surface = fuse(walk, poses, &config, &mut Notes::new(), &Silent).unwrap();
+        let (images, of_images) = (&walk.scans[from..from + 10], &poses[from..from + 10]);
+        let surface = fuse(images, of_images, &config, &mut Notes::new(), &Silent).unwrap();
         (voxel_means(&surface.points, 0.025), poses[from])
     };
     let ((a, world_from_a), (b, world_from_b)) = (fragment(0), fragment(10));

@@ -249,7 +249,11 @@ fn normals_of_the_extension_are_read() {
     assert_eq!(cloud.normals.as_deref(), Some(&expected[..]));
     let mut blocks = super::blocks::open(&path, 0, &with).unwrap().unwrap();
     let mut found = Vec::new();
-    blocks.for_each(&mut |block| Ok(found.extend(block.normals.unwrap()))).unwrap();
+    let mut take = |block: crate::scan::PointCloud| {
+        found.extend(block.normals.unwrap());
+        Ok(())
+    };
+    blocks.for_each(&mut take).unwrap();
     assert_eq!(found, expected);
     // Registration does not need them.
     let without = read_file(&path, &ReadOptions::default()).unwrap();

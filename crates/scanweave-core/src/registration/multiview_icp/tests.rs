@@ -71,7 +71,7 @@ fn weights_reach_as_far_as_the_spread_of_the_distances_tells() {
     // Heights 1 to 7 mm above or below, whose median absolute value is 4 mm, by turns; and one point of ten at 6 cm.
     let height = |i: usize| match i % 10 {
         9 => 0.06,
-        _ => 0.001 * (1 + i % 7) as f32 * if i % 2 == 0 { 1.0 } else { -1.0 },
+        _ => 0.001 * (1 + i % 7) as f32 * if i.is_multiple_of(2) { 1.0 } else { -1.0 },
     };
     let surfaces = [plane(40, |_| 0.0), plane(40, height)];
     let models = surfaces.each_ref().map(model);
