@@ -5,9 +5,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use scanweave_core::geometry::Point;
 use scanweave_core::registration::Matches;
-use scanweave_core::registration::config::{EstimatorConfig, RansacConfig, SpatialCompatibilityConfig};
 use scanweave_core::registration::estimate;
 use scanweave_core::registration::{Columns, nearest_both};
+use scanweave_core::registration::{EstimatorConfig, RansacConfig, SpatialCompatibilityConfig};
 use scanweave_core::scan::Descriptors;
 use std::hint::black_box;
 

@@ -14,7 +14,7 @@ use rand_chacha::ChaCha8Rng;
 use scanweave::config::{Config, Layers};
 use scanweave::geometry::RigidMotion;
 use scanweave::pipeline::{self, FeatureSource};
-use scanweave::registration::config::Axis;
+use scanweave::registration::Axis;
 use scanweave::scan::{Outcome, Reconstruction, Scan};
 use scanweave::synthetic::ambiguous::{AmbiguousSet, Place, scans_of};
 

@@ -12,8 +12,8 @@ use rand_chacha::ChaCha8Rng;
 use scanweave::geometry::{Point, RigidMotion};
 use scanweave::geometry::{rotation_error_rad, translation_error_m};
 use scanweave::registration::Matches;
-use scanweave::registration::config::{EstimatorConfig, RansacConfig, SpatialCompatibilityConfig};
 use scanweave::registration::estimate;
+use scanweave::registration::{EstimatorConfig, RansacConfig, SpatialCompatibilityConfig};
 use std::time::Instant;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

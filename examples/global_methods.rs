@@ -21,7 +21,7 @@ use scanweave::descriptor::subsample_features;
 use scanweave::evaluation::recall::{RecallConfig, RecallReport, registration_recall};
 use scanweave::geometry::RigidMotion;
 use scanweave::geometry::{rotation_error_rad, translation_error_m};
-use scanweave::io::dataset::{Benchmark, read_benchmark, read_scene};
+use scanweave::io::{Benchmark, read_benchmark, read_scene};
 use scanweave::pipeline::{self, FeatureSource, PairCache, Run, run_with_pairs};
 use scanweave::scan::{PoseGraph, Reconstruction, Scan, ScanId};
 use scanweave::synchronization::{GraphKind, LitsWeights, Method, synchronize};

@@ -200,7 +200,7 @@ fn features_of(
     match source {
         Source::Folder(folder) => {
             let path = folder.join(scene).join(format!("cloud_bin_{id}.npz"));
-            Ok(subsample_features(&io::features::read_npz(path)?, count, seed))
+            Ok(subsample_features(&io::read_features(path)?, count, seed))
         }
         Source::Fpfh(scale) => {
             let scan = Scan { id, cloud: io::read_cloud(cloud)?, ..Scan::default() };
@@ -279,7 +279,7 @@ fn mutual_matches(target: &Features, source: &Features) -> Matches {
 
 /// Up to `limit` pairs of a benchmark that are not neighbours in time, evenly picked.
 fn pairs_of(folder: &Path, limit: usize) -> Result<Vec<PairTruth>> {
-    let mut pairs = io::dataset::read_benchmark(folder)?.pairs;
+    let mut pairs = io::read_benchmark(folder)?.pairs;
     pairs.retain(|p| p.i.0.abs_diff(p.j.0) > 1);
     let total = pairs.len();
     let wanted = if limit == 0 { total } else { limit.min(total) };

@@ -37,7 +37,7 @@ fn main() -> Result<(), Failure> {
 }
 
 fn scene(folder: &str, list: bool) -> Result<(), Failure> {
-    let scene = scanweave::io::dataset::read_scene(folder)?;
+    let scene = scanweave::io::read_scene(folder)?;
     let truth = scene.world_from_scan.ok_or_else(|| format!("{folder}: no true poses"))?.value;
     let scans = scanweave::io::read_scans(&scene.scans, &Silent)?;
     let config = Config::default();

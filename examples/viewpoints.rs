@@ -14,7 +14,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         "scene, viewpoints, pairs, normals agree (mean), pairs below .8, violation (median), above .125, confidence (median)"
     );
     for folder in std::env::args().skip(1) {
-        let scene = scanweave::io::dataset::read_scene(&folder)?;
+        let scene = scanweave::io::read_scene(&folder)?;
         let truth = scene.world_from_scan.ok_or(format!("{folder}: no true poses"))?.value;
         let scans = scanweave::io::read_scans(&scene.scans, &scanweave::Silent)?;
         let config = Config::default();

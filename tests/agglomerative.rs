@@ -7,7 +7,7 @@ use scanweave::pipeline::{self, Described, FeatureSource, Stopwatch};
 use scanweave::registration::Agglomeration;
 use scanweave::registration::ScanInput;
 use scanweave::registration::ScanModel;
-use scanweave::registration::config::{
+use scanweave::registration::{
     AgglomerativeConfig, RegistrationConfig, Strategy, SurfaceVerification, VerificationConfig,
 };
 

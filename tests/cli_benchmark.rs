@@ -231,10 +231,10 @@ fn trajectory(scene: &Path, file: &Path, moved: bool) {
         .map(|i| {
             let info = scene.join(format!("PointCloud/cloud_bin_{i}.info.txt"));
             let away = RigidMotion::translation(if moved && i == 3 { 5.0 } else { 0.0 }, 0.0, 0.0);
-            (ScanId(i), away * scanweave::io::poses::read_matrix(info).unwrap().value)
+            (ScanId(i), away * scanweave::io::read_matrix(info).unwrap().value)
         })
         .collect();
-    scanweave::io::poses::write_trajectory(file, &poses).unwrap();
+    scanweave::io::write_log_trajectory(file, &poses).unwrap();
 }
 
 #[test]
@@ -259,7 +259,7 @@ fn a_data_set_is_evaluated_scene_by_scene() {
         assert_eq!(recall["succeeded_in_largest"], recall["succeeded"]);
     }
     // The counted pairs are those of gt.log whose numbers differ by more than one.
-    let log = scanweave::io::poses::read_log(root.join("two/gt.log")).unwrap().value;
+    let log = scanweave::io::read_log(root.join("two/gt.log")).unwrap().value;
     let counted = log.iter().filter(|e| e.i.abs_diff(e.j) > 1).count();
     let wrong = log.iter().filter(|e| e.i.abs_diff(e.j) > 1 && (e.i == 3 || e.j == 3)).count();
     assert!(wrong > 0, "the moved scan is in no counted pair");
@@ -313,7 +313,7 @@ fn bad_data_sets_are_one_clear_error() {
     // Rotations that are a little off are repaired, and that is said.
     let log = root.join("one/gt.log");
     let published = text(&log);
-    let entries = scanweave::io::poses::read_log(&log).unwrap().value;
+    let entries = scanweave::io::read_log(&log).unwrap().value;
     let mut rows: Vec<String> = published.lines().map(str::to_owned).collect();
     let first: Vec<f64> = rows[1].split_whitespace().map(|v| v.parse().unwrap()).collect();
     rows[1] = format!("{} {} {} {}", first[0] * 1.0005, first[1] * 1.0005, first[2] * 1.0005, first[3]);

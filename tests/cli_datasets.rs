@@ -62,7 +62,7 @@ fn fragments_are_the_surface_in_the_frame_of_their_first_image() {
     };
     let (one, two) = (fuse("one", "1"), fuse("two", "3"));
     assert_eq!(names(&one), ["PointCloud"]);
-    let scene = io::dataset::read_scene(&one).unwrap();
+    let scene = io::read_scene(&one).unwrap();
     let truth = scene.world_from_scan.unwrap().value;
     assert_eq!(scene.scans.len(), 6);
     let mut off = Vec::new();
@@ -137,7 +137,7 @@ fn a_sample_forgets_the_order_and_keeps_the_poses() {
     };
     let (one, two, other) = (sample("one", "3"), sample("two", "3"), sample("other", "4"));
     let frames = |set: &Path| -> Vec<usize> {
-        let scene = io::dataset::read_scene(set).unwrap();
+        let scene = io::read_scene(set).unwrap();
         let truth = scene.world_from_scan.unwrap().value;
         let frame = |pose: &RigidMotion| poses.iter().position(|p| difference(p, pose) < 1e-12).unwrap();
         truth.iter().map(frame).collect()
@@ -195,7 +195,7 @@ fn ground_truth_is_read_back_as_it_was_and_agrees_with_itself() {
     let output = place.path().join("truth");
     run("ground-truth", &set, &output, &[]).success().stdout(contains("3DMatch").and(contains("3DLoMatch")));
     assert_eq!(names(&output), ["3DLoMatch", "3DMatch", "overlap.csv"]);
-    let poses = io::dataset::read_scene(&set).unwrap().world_from_scan.unwrap().value;
+    let poses = io::read_scene(&set).unwrap().world_from_scan.unwrap().value;
     let matrix: Vec<Vec<f64>> = text(output.join("overlap.csv"))
         .lines()
         .skip(1)
@@ -203,7 +203,7 @@ fn ground_truth_is_read_back_as_it_was_and_agrees_with_itself() {
         .collect();
     let mut pairs = 0;
     for (name, low, high) in [("3DMatch", 0.3, 1.0), ("3DLoMatch", 0.1, 0.3)] {
-        let benchmark = io::dataset::read_benchmark(output.join(name)).unwrap();
+        let benchmark = io::read_benchmark(output.join(name)).unwrap();
         assert_eq!(benchmark.scans, 8);
         let lines = text(output.join(name).join("gt_overlap.log"));
         let published: Vec<Vec<f64>> =

@@ -47,9 +47,9 @@ fn a_synthetic_set_is_laid_out_like_3dmatch_and_repeats() {
         assert!(read(&one) != read(&other), "{file} does not depend on the seed");
     }
     // gt.log is info_i⁻¹ · info_j, as in the published data.
-    let scene = scanweave::io::dataset::read_scene(&one).unwrap();
+    let scene = scanweave::io::read_scene(&one).unwrap();
     let poses = scene.world_from_scan.unwrap().value;
-    let log = scanweave::io::poses::read_log(one.join("gt.log")).unwrap().value;
+    let log = scanweave::io::read_log(one.join("gt.log")).unwrap().value;
     assert!(!log.is_empty());
     for entry in log {
         let expected = poses[entry.i].inverse() * poses[entry.j];

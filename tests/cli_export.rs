@@ -56,7 +56,7 @@ fn a_result_is_written_for_other_programs_with_it_or_later_and_goes_with_it() {
     let files = vec![None; names.len()];
     for folder in [&result, &later] {
         for file in FILES.iter().filter(|f| !f.ends_with("_names.txt")) {
-            let read = scanweave::io::initial_poses::read(folder.join(file), &names, &files).unwrap();
+            let read = scanweave::io::read_initial_poses(folder.join(file), &names, &files).unwrap();
             for (pose, entry) in read.iter().zip(entries) {
                 let matrix = pose.unwrap().to_homogeneous();
                 for (r, c) in (0..3).flat_map(|r| (0..4).map(move |c| (r, c))) {

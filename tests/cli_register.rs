@@ -49,7 +49,7 @@ fn a_result_is_whole_reproducible_kept_and_only_replaced_by_force() {
         let id = entry["id"].as_u64().unwrap() as usize;
         let pivot = poses["components"][0]["pivot"].as_u64().unwrap() as usize;
         let info = |i: usize| {
-            scanweave::io::poses::read_matrix(scans.join(format!("cloud_bin_{i}.info.txt"))).unwrap().value
+            scanweave::io::read_matrix(scans.join(format!("cloud_bin_{i}.info.txt"))).unwrap().value
         };
         let truth = info(pivot).inverse() * info(id);
         for r in 0..3 {

@@ -3,9 +3,7 @@
 use scanweave::config::Method;
 use scanweave::geometry::{rotation_error_rad, translation_error_m};
 use scanweave::pipeline::{self, FeatureSource, PairCache, Run, run_with_pairs};
-use scanweave::registration::config::{
-    IncrementalConfig, InlierCountConfig, Ordering, Strategy, VerificationConfig,
-};
+use scanweave::registration::{IncrementalConfig, InlierCountConfig, Ordering, Strategy, VerificationConfig};
 use scanweave::scan::{DeclineReason, Outcome, ScanId};
 use scanweave::synchronization::GraphKind;
 use scanweave::synthetic::{SynthConfig, SyntheticSet, generate};
@@ -87,10 +85,10 @@ fn every_method_registers_a_room_and_registers_its_pairs_once() {
     // A later process takes the pairs from the file: where all inliers are gone, no edge is left.
     let name = files[0].file_stem().unwrap().to_string_lossy().into_owned();
     let settings = name.strip_prefix("pairs-").unwrap();
-    let mut kept = scanweave::io::pairs::read(&files[0], settings).unwrap();
+    let mut kept = scanweave::io::read_pairs(&files[0], settings).unwrap();
     assert_eq!(kept.len(), 15);
     kept.values_mut().for_each(|(pair, _)| pair.inliers = 2);
-    scanweave::io::pairs::write(&files[0], settings, &kept).unwrap();
+    scanweave::io::write_pairs(&files[0], settings, &kept).unwrap();
     let later = run(Method::Sghr, &PairCache::in_folder(&cache));
     assert!(later.pose_graph.unwrap().edges.is_empty());
     assert_eq!(later.reconstruction.placed(), 0);

@@ -1,8 +1,9 @@
 //! Finding scans, reading many, depth images.
 
 use scanweave::geometry::Point;
-use scanweave::io::depth::{DepthImage, Intrinsics, read_depth_png, read_intrinsics};
+use scanweave::io::{CameraMatrix, StoredDepth, read_depth_png, read_intrinsics};
 use scanweave::io::{discover, read_cloud, read_scans, unique_names};
+
 use scanweave::{Error, Monitor, Silent};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -220,7 +221,7 @@ fn a_depth_image_becomes_the_points_of_a_pinhole_camera() {
     let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_be_bytes()).collect();
     save_png(&path, 3, 2, png::ColorType::Grayscale, png::BitDepth::Sixteen, &bytes);
     let image = read_depth_png(&path).unwrap();
-    assert_eq!(image, DepthImage { width: 3, height: 2, values: values.to_vec() });
+    assert_eq!(image, StoredDepth { width: 3, height: 2, values: values.to_vec() });
     let message = read_cloud(&path).unwrap_err().to_string();
     assert!(message.contains("1.png") && message.contains("K.txt"), "{message}");
     fs::write(dir.path().join("K.txt"), "500 250 1 0.5\n").unwrap();
@@ -236,9 +237,9 @@ fn a_depth_image_becomes_the_points_of_a_pinhole_camera() {
     for (p, e) in cloud.points.iter().zip(expected) {
         assert!((p - e).norm() < 1e-6, "{p} {e}");
     }
-    let scaled = image.to_cloud(&Intrinsics { fx: 500.0, fy: 250.0, cx: 1.0, cy: 0.5 }, 5000.0).unwrap();
+    let scaled = image.to_cloud(&CameraMatrix { fx: 500.0, fy: 250.0, cx: 1.0, cy: 0.5 }, 5000.0).unwrap();
     assert!((scaled.points[1] - Point::new(-0.001, 0.001, 0.5)).norm() < 1e-7);
-    assert!(image.to_cloud(&Intrinsics { fx: 0.0, fy: 1.0, cx: 0.0, cy: 0.0 }, 1000.0).is_err());
+    assert!(image.to_cloud(&CameraMatrix { fx: 0.0, fy: 1.0, cx: 0.0, cy: 0.0 }, 1000.0).is_err());
 
     save_png(&path, 1, 1, png::ColorType::Rgb, png::BitDepth::Eight, &[1, 2, 3]);
     assert!(read_depth_png(&path).unwrap_err().to_string().contains("Rgb pixels, 8 bits"));
@@ -256,7 +257,7 @@ fn intrinsics_in_both_forms() {
         fs::write(&path, text).unwrap();
         read_intrinsics(&path)
     };
-    let expected = Intrinsics { fx: 585.0, fy: 586.0, cx: 320.0, cy: 240.5 };
+    let expected = CameraMatrix { fx: 585.0, fy: 586.0, cx: 320.0, cy: 240.5 };
     assert_eq!(read("# fx fy cx cy\n585 586 320 240.5\n").unwrap(), expected);
     assert_eq!(read("585,586,320,240.5").unwrap(), expected);
     assert_eq!(read("5.85e2 0 320\n0 586 240.5\n0 0 1\n").unwrap(), expected);

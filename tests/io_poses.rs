@@ -5,10 +5,10 @@ use proptest::prelude::*;
 use scanweave::geometry::RigidMotion;
 use scanweave::geometry::{rotation_error_rad, translation_error_m};
 use scanweave::io::ReadOptions;
-use scanweave::io::dataset::{read_benchmark, read_scene};
-use scanweave::io::features::{read_npz, read_npz_with, read_sghr, write_npz};
-use scanweave::io::poses::*;
 use scanweave::io::read_cloud;
+use scanweave::io::*;
+use scanweave::io::{read_benchmark, read_scene};
+use scanweave::io::{read_features, read_features_with, read_sghr_features, write_features};
 use scanweave::scan::{Descriptors, Features, PointCloud, ScanId};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -46,7 +46,7 @@ proptest! {
         let path = dir.path().join("f");
         let named: Vec<(ScanId, RigidMotion)> = poses.iter().enumerate().map(|(i, p)| (ScanId(2 * i), *p)).collect();
 
-        write_trajectory(&path, &named).unwrap();
+        write_log_trajectory(&path, &named).unwrap();
         let log = read_log(&path).unwrap();
         prop_assert!(log.deviation < 1e-12);
         for ((id, pose), e) in named.iter().zip(&log.value) {
@@ -206,9 +206,10 @@ fn features_unpack_to_no_more_than_the_options_say() {
     // 100 000 keypoints of 12 bytes and descriptors of 4: 1.5 MiB.
     let keypoints = (0..100_000).map(|i| [i as f32, 0.0, 0.0].into()).collect();
     let features = Features::new(keypoints, None, Descriptors::new(1, vec![1.0; 100_000]).unwrap()).unwrap();
-    write_npz(&path, &features).unwrap();
-    let read =
-        |mib| read_npz_with(&path, &ReadOptions { unpack_limit_mib: Some(mib), ..ReadOptions::default() });
+    write_features(&path, &features).unwrap();
+    let read = |mib| {
+        read_features_with(&path, &ReadOptions { unpack_limit_mib: Some(mib), ..ReadOptions::default() })
+    };
     let message = read(1).unwrap_err().to_string();
     assert!(message.contains("a.npz") && message.contains("input.unpack_limit_mib"), "{message}");
     assert_eq!(read(2).unwrap().len(), 100_000);
@@ -286,15 +287,15 @@ fn npz_features_round_trip_and_complain() {
     let keypoints = vec![[1.0f32, 2.0, 3.0].into(), [4.0f32, 5.0, 6.5].into()];
     for normals in [None, Some(vec![Vector3::z(), Vector3::new(0.0f32, 0.6, 0.8)])] {
         let features = Features::new(keypoints.clone(), normals, descriptors.clone()).unwrap();
-        write_npz(&path, &features).unwrap();
-        assert_eq!(read_npz(&path).unwrap(), features);
+        write_features(&path, &features).unwrap();
+        assert_eq!(read_features(&path).unwrap(), features);
     }
     let write = |keypoints: &ndarray::Array2<f64>, descriptors: &ndarray::Array2<f64>| {
         let mut npz = ndarray_npy::NpzWriter::new(fs::File::create(&path).unwrap());
         npz.add_array("keypoints", keypoints).unwrap();
         npz.add_array("descriptors", descriptors).unwrap();
         npz.finish().unwrap();
-        read_npz(&path)
+        read_features(&path)
     };
     use ndarray::array;
     let read = write(&array![[1.0, 2.0, 3.0]], &array![[3.0, 4.0]]).unwrap();
@@ -314,7 +315,7 @@ fn npz_features_round_trip_and_complain() {
     npz.add_array("keypoints", &array![[1.0, 2.0, 3.0]]).unwrap();
     npz.finish().unwrap();
     assert!(
-        read_npz(&path)
+        read_features(&path)
             .unwrap_err()
             .to_string()
             .contains("found arrays [keypoints], expected an array 'descriptors'")
@@ -328,7 +329,7 @@ fn sghr_folders_with_indices_or_points() {
     let read = |name: &str, text: &str, cloud: &PointCloud| {
         fs::remove_dir_all(dir.path().join("Keypoints")).ok();
         save(&dir, &format!("Keypoints/{name}"), text);
-        read_sghr(dir.path(), "yoho", 7, cloud)
+        read_sghr_features(dir.path(), "yoho", 7, cloud)
     };
     let expected = vec![[3.0f32, 3.0, 3.0].into(), [1.0f32, 1.0, 1.0].into()];
     for text in ["3\n1\n", "3.000000000000000000e+00\n1.000000000000000000e+00\n", "3 3 3\n1 1 1\n"] {
@@ -360,8 +361,10 @@ fn sghr_folders_with_indices_or_points() {
     fs::create_dir(dir.path().join("Keypoints")).unwrap();
     ndarray_npy::write_npy(dir.path().join("Keypoints/cloud_bin_7Keypoints.npy"), &ndarray::array![3i64, 1])
         .unwrap();
-    assert_eq!(read_sghr(dir.path(), "yoho", 7, &cloud()).unwrap().keypoints, expected);
-    assert!(read_sghr(dir.path(), "fcgf", 7, &cloud()).unwrap_err().to_string().contains("fcgf_desc"));
+    assert_eq!(read_sghr_features(dir.path(), "yoho", 7, &cloud()).unwrap().keypoints, expected);
+    assert!(
+        read_sghr_features(dir.path(), "fcgf", 7, &cloud()).unwrap_err().to_string().contains("fcgf_desc")
+    );
 }
 
 #[test]
@@ -377,7 +380,7 @@ fn one_table_of_poses_by_file_name_is_a_truth_and_one_that_lacks_a_scan_is_an_er
     let truth = folder.path().join("truth.json");
     let read = |text: &str| {
         std::fs::write(&truth, text).unwrap();
-        scanweave::io::dataset::read_scene(folder.path())
+        scanweave::io::read_scene(folder.path())
     };
     let scene = read(&format!("{{\"b_10.xyz\": {quarter}, \"b_2.xyz\": {one}}}")).unwrap();
     let poses = scene.world_from_scan.unwrap().value;

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use scanweave::geometry::{Direction, Point, RigidMotion};
 use scanweave::geometry::{PointMover, rotation_error_rad, translation_error_m};
 use scanweave::registration::EdgeRegistrar;
-use scanweave::registration::config::EstimatorConfig;
+use scanweave::registration::EstimatorConfig;
 use scanweave::registration::{Lengths, ScanInput};
 use scanweave::scan::{DeclineReason, Descriptors, Features, ScanId, Surface};
 

@@ -46,11 +46,9 @@ fn ground_truth_of_a_real_scene_agrees_with_the_published_one() {
         let off: Vec<f64> = a.iter().zip(&b).map(|(a, b)| (a.2 - b.2).abs()).collect();
         let mean = off.iter().sum::<f64>() / off.len() as f64;
         let largest = off.iter().copied().fold(0.0, f64::max);
-        let (a, b) =
-            (io::dataset::read_benchmark(&ours).unwrap(), io::dataset::read_benchmark(&published).unwrap());
+        let (a, b) = (io::read_benchmark(&ours).unwrap(), io::read_benchmark(&published).unwrap());
         assert_eq!(a.scans, b.scans);
-        let set =
-            |b: &io::dataset::Benchmark| b.pairs.iter().map(|p| (p.i.0, p.j.0)).collect::<BTreeSet<_>>();
+        let set = |b: &io::Benchmark| b.pairs.iter().map(|p| (p.i.0, p.j.0)).collect::<BTreeSet<_>>();
         let common = set(&a).intersection(&set(&b)).count();
         let union = set(&a).union(&set(&b)).count();
         let mut pose = 0.0f64;
@@ -85,7 +83,7 @@ fn distances(from: &[Point], to: &[Point]) -> Vec<f32> {
 #[ignore = "needs the real scans that SCANWEAVE_DATA names"]
 fn a_fragment_of_the_kitchen_lies_on_the_published_one() {
     let data = data();
-    let walk = io::dataset::read_scene(data.join("7scenes")).unwrap();
+    let walk = io::read_scene(data.join("7scenes")).unwrap();
     let poses = walk.world_from_scan.unwrap().value;
     let mut notes = Notes::new();
     let ours = fuse(&walk.scans[..5], &poses[..5], &FragmentConfig::default(), &mut notes, &Silent).unwrap();
@@ -111,7 +109,7 @@ fn a_fragment_of_the_kitchen_lies_on_the_published_one() {
 #[ignore = "needs the real scans that SCANWEAVE_DATA names"]
 fn fragments_of_a_walk_meet_where_they_overlap() {
     let data = data();
-    let walk = io::dataset::read_scene(data.join("hololens")).unwrap();
+    let walk = io::read_scene(data.join("hololens")).unwrap();
     let poses = walk.world_from_scan.unwrap().value;
     let fusion = FusionConfig { voxel_m: 0.01, truncation_m: 0.05, ..FusionConfig::default() };
     let config = FragmentConfig { fusion, ..FragmentConfig::default() };

@@ -7,8 +7,8 @@ mod real_common;
 
 use real_common::data;
 use scanweave::Silent;
-use scanweave::io::dataset::{read_benchmark, read_scene};
 use scanweave::io::{discover, read_cloud, read_scans, scan_files};
+use scanweave::io::{read_benchmark, read_scene};
 use scanweave::scan::PointCloud;
 
 struct Expected {

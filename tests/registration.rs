@@ -9,7 +9,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use scanweave::geometry::{Direction, Point, RigidMotion};
 use scanweave::geometry::{rotation_error_rad, translation_error_m};
-use scanweave::registration::config::{
+use scanweave::registration::{
     EstimatorConfig, IncrementalConfig, InlierCountConfig, MergeRule, Ordering, RansacConfig,
     RegistrationConfig, Strategy, VerificationConfig,
 };

@@ -1,13 +1,13 @@
 //! One cell of a table: a scene registered by one method, with one number of keypoints and one
 //! seed, and everything that came of it.
 
-use crate::atomic;
 use crate::evaluation::dataset::SceneReport;
 use crate::evaluation::diagnosis::Diagnosis;
 use crate::evaluation::protocol::Protocol;
 use crate::evaluation::retrieval_scores::RetrievalScores;
-use crate::result::poses::Document;
-use crate::result::run::StageTime;
+use crate::files;
+use crate::result::Document;
+use crate::result::StageTime;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -142,7 +142,7 @@ impl Cell {
     /// [`Error::Write`].
     pub fn write(&self, path: &Path) -> Result<()> {
         let text = serde_json::to_string(self).map_err(|e| Error::write(path, e.into()))?;
-        atomic::write(path, |out| writeln!(out, "{text}"))
+        files::write(path, |out| writeln!(out, "{text}"))
     }
 
     /// Reads a cell.

@@ -11,11 +11,12 @@ use crate::evaluation::moments::Moments;
 use crate::evaluation::protocol::Protocol;
 use crate::evaluation::recall::{PairRecall, RecallReport};
 use crate::evaluation::scene::{ScenePairs, SceneTruth};
+use crate::files;
 use crate::geometry::voxel_means;
 use crate::geometry::{Point, RigidMotion};
 use crate::io;
 use crate::pipeline::{self, Described, FeatureSource, PairCache, Stopwatch};
-use crate::result::run::StageTime;
+use crate::result::StageTime;
 use crate::scan::{Features, Reconstruction, Scan, SimilarityMatrix};
 use crate::synthetic::{self, SynthConfig};
 use std::collections::BTreeMap;
@@ -165,7 +166,7 @@ fn cached_overlap(
     let matrix = true_overlap(scans, poses, radius_m)?;
     let values: Vec<f32> = (0..n).flat_map(|i| matrix.row(i).to_vec()).collect();
     let text = serde_json::to_string(&values).unwrap_or_default();
-    io::atomic::write(path, |out| writeln!(out, "{text}"))?;
+    files::write(path, |out| writeln!(out, "{text}"))?;
     Ok(matrix)
 }
 

@@ -4,7 +4,7 @@ use super::cell::Cell;
 use super::plan::Plan;
 use super::run::{PLAN, SUITE, cells_folder};
 use super::suite::Suite;
-use crate::atomic;
+use crate::files;
 use crate::{Error, Result};
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -54,7 +54,7 @@ pub fn merge(folders: &[PathBuf], output: &Path) -> Result<Merged> {
     let cells = cells_folder(output);
     std::fs::create_dir_all(&cells).map_err(|e| Error::write(&cells, e))?;
     for (name, text) in [(SUITE, &suite_text), (PLAN, &plan_text)] {
-        atomic::write(&output.join(name), |out| out.write_all(text.as_bytes()))?;
+        files::write(&output.join(name), |out| out.write_all(text.as_bytes()))?;
     }
     let mut merged = Merged { suite, plan, missing: 0, builds: BTreeSet::new() };
     for planned in &merged.plan.cells {
@@ -73,7 +73,7 @@ pub fn merge(folders: &[PathBuf], output: &Path) -> Result<Merged> {
             continue;
         };
         let bytes = crate::files::read(&place)?;
-        atomic::write(&cells.join(&name), |out| out.write_all(&bytes))?;
+        files::write(&cells.join(&name), |out| out.write_all(&bytes))?;
     }
     Ok(merged)
 }

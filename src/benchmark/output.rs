@@ -8,9 +8,9 @@ use super::plots;
 use super::suite::Suite;
 use super::table::{Cost, ErrorRow, RecallRow, Spread, Table};
 use crate::Result;
-use crate::atomic;
 use crate::evaluation::pose_error::{ROTATION_THRESHOLDS_DEG, TRANSLATION_THRESHOLDS_M};
 use crate::evaluation::retrieval_scores::RetrievalScores;
+use crate::files;
 use crate::report::chart;
 use crate::report::grid::csv;
 use std::io::Write;
@@ -32,14 +32,14 @@ pub fn write(folder: &Path, suite: &Suite, plan: &Plan, table: &Table, cells: &[
         ("table.json", &json),
         ("table.md", &text),
     ] {
-        atomic::write(&folder.join(name), |out| out.write_all(content.as_bytes()))?;
+        files::write(&folder.join(name), |out| out.write_all(content.as_bytes()))?;
     }
     let plots = plots::all(suite, table, cells);
     for (name, panels) in &plots {
-        atomic::write(&folder.join(name), |out| out.write_all(chart::svg(panels)?.as_bytes()))?;
+        files::write(&folder.join(name), |out| out.write_all(chart::svg(panels)?.as_bytes()))?;
     }
     let page = page::page(plan, table, cells, &plots)?.html();
-    atomic::write(&folder.join(PAGE), |out| out.write_all(page.as_bytes()))?;
+    files::write(&folder.join(PAGE), |out| out.write_all(page.as_bytes()))?;
     Ok(text)
 }
 

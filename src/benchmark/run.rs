@@ -5,14 +5,14 @@ use super::loaded::LoadedScene;
 use super::plan::{self, Plan, Shard, Task, Tasks};
 use super::suite::{SimilarityChoice, Suite};
 use crate::Monitor;
-use crate::atomic;
 use crate::descriptor::subsample_features;
 use crate::evaluation::dataset::evaluate_scene;
 use crate::evaluation::estimate::SceneEstimate;
 use crate::evaluation::retrieval_scores::RetrievalScores;
+use crate::files;
 use crate::pipeline::{self, Described, Stopwatch};
-use crate::result::poses::Document;
-use crate::result::run::{StageTime, peak_memory_bytes, reset_peak_memory};
+use crate::result::Document;
+use crate::result::{StageTime, peak_memory_bytes, reset_peak_memory};
 use crate::scan::SimilarityMatrix;
 use crate::{Error, Result};
 use std::collections::VecDeque;
@@ -87,7 +87,7 @@ pub fn run(suite: &Suite, options: &Options<'_>, monitor: &dyn Monitor) -> Resul
 }
 
 fn write_text(path: &Path, text: &str) -> Result<()> {
-    atomic::write(path, |out| out.write_all(text.as_bytes()))
+    files::write(path, |out| out.write_all(text.as_bytes()))
 }
 
 /// Whether the cell of a task is there and still holds.

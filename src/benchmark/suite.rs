@@ -295,7 +295,7 @@ fn distinct<S: AsRef<str>>(key: &str, names: impl Iterator<Item = S>) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::registration::config::{MergeRule, Strategy};
+    use crate::registration::{MergeRule, Strategy};
 
     #[test]
     fn the_suites_that_come_with_the_program_are_valid_and_survive_their_own_text() {

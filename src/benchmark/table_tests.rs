@@ -4,8 +4,8 @@ use super::super::suite::{BenchmarkSource, DataSet, Method, Quoted, SimilarityCh
 use super::*;
 use crate::evaluation::dataset::{Declined, SceneReport};
 use crate::evaluation::recall::RecallReport;
-use crate::result::poses::Document;
-use crate::result::run::StageTime;
+use crate::result::Document;
+use crate::result::StageTime;
 use crate::scan::Reconstruction;
 use std::collections::BTreeMap;
 

@@ -6,7 +6,7 @@ use super::{Status, Verbosity, terminal};
 use clap::{Args, Subcommand};
 use scanweave::benchmark::table::{self, Table};
 use scanweave::benchmark::{self, Options, Plan, Shard, Suite, output};
-use scanweave::output_folder::FolderLock;
+use scanweave::files::FolderLock;
 use scanweave::{Error, Monitor};
 use std::path::{Path, PathBuf};
 

@@ -8,13 +8,13 @@ use super::synth::SceneOptions;
 use super::{Status, Verbosity, outcome, terminal};
 use clap::Args;
 use scanweave::evaluation::pose_error::PoseError;
+use scanweave::files;
 use scanweave::pipeline::{self, FeatureSource, Stopwatch};
+use scanweave::report;
 use scanweave::report::top_view;
-use scanweave::result::merged::MergedCloud;
-use scanweave::result::{self, run};
+use scanweave::result::{self, MergedCloud};
 use scanweave::scan::{Reconstruction, ScanId};
 use scanweave::synthetic::{self, SyntheticSet};
-use scanweave::{io, report};
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -62,11 +62,11 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
     let set = clock.time("scanning", || synthetic::generate(&arguments.scene.config(), &progress))?;
     let run = pipeline::run(&set.scans, &config, &FeatureSource::Computed, &progress)?;
 
-    let poses = result::poses::Document::new(&set.scans, &run.reconstruction, run.scale.inlier_radius_m);
+    let poses = result::Document::new(&set.scans, &run.reconstruction, run.scale.inlier_radius_m);
     let comparisons = compare(&set, &run.reconstruction);
     let wrong = comparisons.iter().filter(|v| !v.right).count();
     if !verbosity.quiet {
-        terminal::print_drawn(&comparison_table(&run::rows(&poses), &comparisons))?;
+        terminal::print_drawn(&comparison_table(&result::rows(&poses), &comparisons))?;
         clock.stages.extend(run.timings.iter().cloned());
         let seconds: f64 = clock.stages.iter().map(|t| t.seconds).sum();
         let summary = if wrong == 0 {
@@ -88,7 +88,7 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
         folder.write(&set.scans, &run, &config, &exports, Stopwatch::default(), &progress)?;
         let cloud = MergedCloud::new(&set.scans, &run.reconstruction, 0, run.scale.voxel_m as f32);
         let picture = top_view::svg(&cloud, set.scans.len());
-        io::atomic::write(&folder.path().join("top_view.svg"), |out| out.write_all(picture.as_bytes()))?;
+        files::write(&folder.path().join("top_view.svg"), |out| out.write_all(picture.as_bytes()))?;
         if !verbosity.quiet {
             terminal::print_line(&format!("written to {}", folder.path().display()))?;
         }
@@ -126,7 +126,7 @@ fn compare(set: &SyntheticSet, reconstruction: &Reconstruction) -> Vec<TruthComp
     (0..set.scans.len()).map(compared).collect()
 }
 
-fn comparison_table(rows: &[run::Row], comparisons: &[TruthComparison]) -> String {
+fn comparison_table(rows: &[result::Row], comparisons: &[TruthComparison]) -> String {
     let errors: Vec<(Option<(f64, f64)>, bool)> = comparisons.iter().map(|v| (v.error, v.right)).collect();
     report::table::against_truth(rows, &errors, outcome::width())
 }

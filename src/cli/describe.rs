@@ -5,7 +5,7 @@ use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
 use clap::Args;
 use scanweave::descriptor::DescriptorKind;
-use scanweave::output_folder::{FolderLock, is_same_place, is_within};
+use scanweave::files::{FolderLock, is_same_place, is_within};
 use scanweave::pipeline::{self, FeatureSource};
 use scanweave::scan::Scan;
 use scanweave::{Error, io};
@@ -71,7 +71,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     };
     let described = pipeline::describe(&scans, &config, &source, &progress)?;
     for (scan, features) in scans.iter().zip(&described.features_of_files(&scans)) {
-        io::features::write_npz(place_of(&arguments.output, scan), features)?;
+        io::write_features(place_of(&arguments.output, scan), features)?;
     }
     if !verbosity.quiet {
         let keypoints: usize = described.features.iter().map(|f| f.len()).sum();

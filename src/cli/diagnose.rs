@@ -11,11 +11,11 @@ use scanweave::evaluation::moments::Moments;
 use scanweave::evaluation::protocol::Protocol;
 use scanweave::evaluation::recall::RecallReport;
 use scanweave::evaluation::scene::{Benchmark, SceneTruth};
+use scanweave::files::{self, FolderLock};
 use scanweave::geometry::Point;
 use scanweave::geometry::voxel_means;
-use scanweave::output_folder::FolderLock;
 use scanweave::report::growth_tree;
-use scanweave::result::poses::Document;
+use scanweave::result::Document;
 use scanweave::scan::Reconstruction;
 use scanweave::{Error, Silent, io};
 use std::collections::BTreeMap;
@@ -73,7 +73,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
             ("scans.csv", &diagnosis.scans_csv()),
             ("diagnosis.md", &text),
         ] {
-            io::atomic::write(&folder.join(name), |out| out.write_all(content.as_bytes()))?;
+            files::write(&folder.join(name), |out| out.write_all(content.as_bytes()))?;
         }
     }
     if !verbosity.quiet {

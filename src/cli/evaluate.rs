@@ -12,8 +12,8 @@ use scanweave::evaluation::pose_error::{PoseReport, evaluate_against_truth};
 use scanweave::evaluation::protocol::Protocol;
 use scanweave::evaluation::recall::{RecallConfig, RecallReport, registration_recall};
 use scanweave::evaluation::stated_error::StatedErrorReport;
-use scanweave::result::poses::Document;
-use scanweave::result::run::RunReport;
+use scanweave::result::Document;
+use scanweave::result::RunReport;
 use scanweave::scan::{Reconstruction, ScanId};
 use scanweave::{Error, io};
 use std::collections::BTreeMap;
@@ -211,7 +211,7 @@ fn recall(
     reconstruction: &Reconstruction,
     config: &RecallConfig,
 ) -> Result<RecallReport, Error> {
-    let benchmark = io::dataset::read_benchmark(folder)?;
+    let benchmark = io::read_benchmark(folder)?;
     let numbered: BTreeMap<usize, ScanId> = document
         .scans
         .iter()

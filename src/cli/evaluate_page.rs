@@ -1,15 +1,16 @@
 //! The page of `scanweave evaluate --report`.
 
 use super::diagnose::look_into;
+use scanweave::Error;
 use scanweave::evaluation::dataset::{Declined, SceneReport};
 use scanweave::evaluation::diagnosis::Diagnosis;
 use scanweave::evaluation::estimate::SceneEstimate;
 use scanweave::evaluation::pose_error::{PoseReport, evaluate_against_truth};
 use scanweave::evaluation::recall::{RecallReport, RecallSummary};
 use scanweave::evaluation::scene::SceneTruth;
+use scanweave::files;
 use scanweave::report::sheet::{Evaluation, SceneSheet, evaluation};
-use scanweave::result::poses::{Document, EntryOutcome};
-use scanweave::{Error, io};
+use scanweave::result::{Document, EntryOutcome};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::Path;
@@ -134,7 +135,7 @@ pub fn write(wanted: &Wanted<'_>, scenes: Vec<SceneSheet>) -> Result<(), Error> 
         |name: &String| RecallSummary::new(scenes.iter().filter_map(|s| s.report.recalls.get(name)));
     let recalls = names.iter().map(|name| (name.clone(), summary(name))).collect();
     let page = evaluation(&Evaluation { scenes, recalls })?.html();
-    io::atomic::write(wanted.file, |out| out.write_all(page.as_bytes()))
+    files::write(wanted.file, |out| out.write_all(page.as_bytes()))
 }
 
 #[cfg(test)]

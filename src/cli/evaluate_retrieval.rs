@@ -82,7 +82,7 @@ fn scene_rows(
     config: &Config,
     monitor: &dyn Monitor,
 ) -> anyhow::Result<Vec<Row>> {
-    let scene = io::dataset::read_scene(folder)?;
+    let scene = io::read_scene(folder)?;
     let Some(truth) = &scene.world_from_scan else {
         let expected = "truth.json, a pose file beside each scan, poses/, poses.txt or one .conf";
         return Err(Error::file(folder, "scans without true poses", expected, "name another folder").into());

@@ -2,7 +2,7 @@
 
 use scanweave::evaluation::pose_error::{PoseReport, evaluate_against_truth, stated_centre};
 use scanweave::geometry::{Point, RigidMotion};
-use scanweave::result::poses::Document;
+use scanweave::result::Document;
 use scanweave::scan::{PointCloud, Reconstruction};
 use scanweave::{Error, io};
 use std::collections::BTreeMap;
@@ -24,7 +24,7 @@ impl Truth {
     /// # Errors
     /// A folder that cannot be read, or a scan without a true pose.
     pub fn read(document: &Document, folder: &Path) -> Result<Self, Error> {
-        let scene = io::dataset::read_scene(folder)?;
+        let scene = io::read_scene(folder)?;
         let by_stem = true_poses(&scene, folder)?;
         let known = |name: &String| {
             let stem = name.rsplit('/').next().unwrap_or(name);
@@ -59,10 +59,7 @@ impl Truth {
 }
 
 /// True pose and file by the name of the scan.
-fn true_poses(
-    scene: &io::dataset::Scene,
-    folder: &Path,
-) -> Result<BTreeMap<String, (RigidMotion, PathBuf)>, Error> {
+fn true_poses(scene: &io::Scene, folder: &Path) -> Result<BTreeMap<String, (RigidMotion, PathBuf)>, Error> {
     let Some(truth) = &scene.world_from_scan else {
         return Err(Error::file(
             folder,

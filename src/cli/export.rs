@@ -6,12 +6,9 @@ use super::report::settings;
 use super::result_folder::{CONFIG, REPORT, load_poses, numbered};
 use super::{Status, Verbosity, terminal};
 use clap::{Args, ValueEnum};
-use scanweave::io::{pose_graphs, trajectories};
-use scanweave::output_folder::{FolderLock, is_same_place};
-use scanweave::result::poses::Document;
-use scanweave::result::run::RunReport;
-use scanweave::result::scans::{ScanFormat, export_scans};
-use scanweave::result::{pose_graph, trajectory};
+use scanweave::files::{FolderLock, is_same_place};
+use scanweave::io;
+use scanweave::result::{self, Document, RunReport, ScanFormat, export_scans};
 use scanweave::scan::PoseGraph;
 use scanweave::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -107,7 +104,7 @@ impl GraphFormat {
 pub fn files(component: usize) -> Vec<String> {
     let trajectories = TrajectoryFormat::value_variants().iter().map(|f| f.file(component));
     let graphs = GraphFormat::value_variants().iter().map(|f| f.file(component));
-    let names = trajectories::names_file(Path::new(&TrajectoryFormat::Kitti.file(component)));
+    let names = io::trajectory_names_file(Path::new(&TrajectoryFormat::Kitti.file(component)));
     trajectories.chain(graphs).chain([names.to_string_lossy().into_owned()]).collect()
 }
 
@@ -132,30 +129,31 @@ impl ExportOptions {
         document: &Document,
         registration: &Registration<'_>,
     ) -> Result<Vec<String>> {
-        let names = trajectory::names(document);
+        let names = result::scan_names(document);
         let reconstruction = document.reconstruction()?;
         let mut written = Vec::new();
         for component in 0..document.components.len().max(1) {
-            let scans = trajectory::placed_scans(document, component)?;
+            let scans = result::placed_scans(document, component)?;
             for format in &self.trajectory {
                 let file = format.file(component);
                 let path = folder.join(&file);
                 match format {
-                    TrajectoryFormat::Tum => trajectories::write_tum(path, &scans, &names)?,
-                    TrajectoryFormat::Kitti => trajectories::write_kitti(path, &scans)?,
-                    TrajectoryFormat::Csv => trajectories::write_csv(path, &scans)?,
-                    TrajectoryFormat::Colmap => trajectories::write_images(path, &scans)?,
+                    TrajectoryFormat::Tum => io::write_tum_trajectory(path, &scans, &names)?,
+                    TrajectoryFormat::Kitti => io::write_kitti_trajectory(path, &scans)?,
+                    TrajectoryFormat::Csv => io::write_csv_trajectory(path, &scans)?,
+                    TrajectoryFormat::Colmap => io::write_images_trajectory(path, &scans)?,
                 }
                 written.push(file);
             }
             for format in &self.pose_graph {
                 let radius_m = registration.inlier_radius_m;
                 let pairs = registration.pose_graph;
-                let graph = pose_graph::of_component(&names, &reconstruction, pairs, component, radius_m);
+                let graph =
+                    result::pose_graph_of_component(&names, &reconstruction, pairs, component, radius_m);
                 let file = format.file(component);
                 match format {
-                    GraphFormat::G2o => pose_graphs::write_g2o(folder.join(&file), &graph)?,
-                    GraphFormat::Open3d => pose_graphs::write_open3d(folder.join(&file), &graph)?,
+                    GraphFormat::G2o => io::write_g2o(folder.join(&file), &graph)?,
+                    GraphFormat::Open3d => io::write_open3d_pose_graph(folder.join(&file), &graph)?,
                 }
                 written.push(file);
             }

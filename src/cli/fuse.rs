@@ -4,9 +4,9 @@ use super::options::{DepthOptions, ThreadOption, refuse_walk};
 use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
 use clap::Args;
+use scanweave::files::FolderLock;
 use scanweave::fusion::FusionConfig;
 use scanweave::io::ReadOptions;
-use scanweave::output_folder::FolderLock;
 use scanweave::preparation::fragments::{FragmentConfig, write_fragments};
 use std::path::PathBuf;
 

@@ -4,7 +4,7 @@ use super::options::ThreadOption;
 use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
 use clap::Args;
-use scanweave::output_folder::FolderLock;
+use scanweave::files::FolderLock;
 use scanweave::preparation::truth::{GroundTruth, TruthConfig};
 use std::path::PathBuf;
 

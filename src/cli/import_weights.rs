@@ -2,9 +2,10 @@
 
 use super::{Status, Verbosity, terminal};
 use clap::{Args, ValueEnum};
+use scanweave::Error;
+use scanweave::files;
 use scanweave::weight_import::overlap_head::Publisher;
 use scanweave::weight_import::{lits, mini_spin_net, overlap_head};
-use scanweave::{Error, io};
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -64,7 +65,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
 
 fn import_lits(arguments: &Arguments) -> Result<String, Error> {
     let bytes = lits::lits(&arguments.input)?.to_bytes()?;
-    io::atomic::write(&arguments.output, |out| out.write_all(&bytes))?;
+    files::write(&arguments.output, |out| out.write_all(&bytes))?;
     Ok("weights of LITS for the setting synchronization.lits_weights".to_owned())
 }
 

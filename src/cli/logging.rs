@@ -1,7 +1,7 @@
 //! `tracing` events on stderr.
 
 use super::Verbosity;
-use scanweave::printable::printable;
+use scanweave::files::printable;
 use std::io::IsTerminal;
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::field::MakeExt;

@@ -4,9 +4,9 @@ use super::{Verbosity, outcome};
 use anyhow::Context;
 use clap::Args;
 use scanweave::config::{self, Config, Layers};
+use scanweave::files::is_same_place;
 use scanweave::io::{self, ReadOptions, TextColumns};
-use scanweave::output_folder::is_same_place;
-use scanweave::registration::config::Axis;
+use scanweave::registration::Axis;
 use scanweave::scan::Scan;
 use scanweave::{Error, Monitor};
 use serde::de::DeserializeOwned;
@@ -189,7 +189,7 @@ impl PriorOptions {
         }
         let names: Vec<String> = scans.iter().map(|s| s.name.clone()).collect();
         let files: Vec<Option<PathBuf>> = scans.iter().map(|s| s.path.clone()).collect();
-        let given = io::initial_poses::read(source, &names, &files)?;
+        let given = io::read_initial_poses(source, &names, &files)?;
         scans.iter_mut().zip(given).for_each(|(scan, pose)| scan.initial_pose = pose);
         Ok(())
     }

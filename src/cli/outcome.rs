@@ -5,8 +5,8 @@ use scanweave::io::Inputs;
 use scanweave::pipeline::Run;
 use scanweave::preprocessing::ScaleWarning;
 use scanweave::report::table::{self, length};
-use scanweave::result::run::RunReport;
-use scanweave::scan::strays::STRAY;
+use scanweave::result::RunReport;
+use scanweave::scan::STRAY;
 use scanweave::scan::{Reconstruction, Scan};
 use std::io::IsTerminal;
 

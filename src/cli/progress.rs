@@ -3,7 +3,7 @@
 use super::{Verbosity, interrupt};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use scanweave::Monitor;
-use scanweave::printable::printable;
+use scanweave::files::printable;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;

@@ -9,7 +9,7 @@ use clap::Args;
 use scanweave::Error;
 use scanweave::config::{Config, Method};
 use scanweave::descriptor::DescriptorKind;
-use scanweave::output_folder::is_within;
+use scanweave::files::is_within;
 use scanweave::pipeline::{self, FeatureSource, PairCache, Stopwatch};
 use scanweave::synchronization::GraphKind;
 use std::path::{Path, PathBuf};

@@ -8,15 +8,13 @@ use super::{Status, Verbosity, terminal};
 use clap::Args;
 use rayon::prelude::*;
 use scanweave::config::{Config, Layers};
+use scanweave::files::{self, FolderLock};
 use scanweave::geometry::Point;
 use scanweave::io::ReadOptions;
-use scanweave::output_folder::FolderLock;
 use scanweave::preprocessing::localize;
 use scanweave::report::html::PointSource;
 use scanweave::report::{html, protocol};
-use scanweave::result::poses::{Document, Entry};
-use scanweave::result::run::RunReport;
-use scanweave::result::{merged, overlaps};
+use scanweave::result::{self, Document, Entry, RunReport};
 use scanweave::scan::{PointCloud, Reconstruction, Scan, ScanId, Surface};
 use scanweave::{Error, Monitor, io};
 use std::collections::{BTreeMap, BTreeSet};
@@ -71,7 +69,7 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     let settings = settings(&config_file)?;
     let overlap_file = folder.join(OVERLAP);
     let similarity = match overlap_file.exists() {
-        true => Some(overlaps::read_predicted(&overlap_file, poses.scans.len())?),
+        true => Some(result::read_predicted_overlaps(&overlap_file, poses.scans.len())?),
         false => None,
     };
     let reconstruction = poses.reconstruction()?;
@@ -106,11 +104,11 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
         truth: truth.as_ref(),
     })?;
     let output = arguments.output.clone().unwrap_or_else(|| folder.join(PAGE));
-    io::atomic::write(&output, |out| out.write_all(page.as_bytes()))?;
+    files::write(&output, |out| out.write_all(page.as_bytes()))?;
     if arguments.output.is_none() {
         let reference = settings.output.reference.as_deref();
         let protocol = protocol::page(&protocol::Input { poses: &poses, run: &report, reference });
-        io::atomic::write(&folder.join(PROTOCOL), |out| out.write_all(protocol.as_bytes()))?;
+        files::write(&folder.join(PROTOCOL), |out| out.write_all(protocol.as_bytes()))?;
     }
     if !verbosity.quiet {
         let (size, said) = (page.len() as f64 / 1e6, html::headline(&poses));
@@ -141,7 +139,7 @@ fn clouds(
         true => Vec::new(),
         false => {
             let files = merged_files(&arguments.result, poses.components.len());
-            merged::points_of_scans(&files, reconstruction)?
+            result::points_of_scans(&files, reconstruction)?
         }
     };
     let (mut clouds, mut sources, mut gone) = (Vec::new(), Vec::new(), Vec::new());

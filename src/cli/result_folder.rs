@@ -2,15 +2,11 @@
 
 use super::export::{self, ExportOptions};
 use scanweave::config::Config;
+use scanweave::files::{self, FolderLock, is_same_place};
 use scanweave::geometry::RigidMotion;
-use scanweave::output_folder::{FolderLock, is_same_place};
 use scanweave::pipeline::{Run, Stopwatch};
 use scanweave::report::{html, protocol};
-use scanweave::result::identity::{self, RunIdentity};
-use scanweave::result::merged::MergedCloud;
-use scanweave::result::overlaps;
-use scanweave::result::poses::Document;
-use scanweave::result::run::{self, RunReport, ScanSize};
+use scanweave::result::{self, Document, MergedCloud, RunIdentity, RunReport, ScanSize};
 use scanweave::scan::{PointCloud, Scan, ScanId};
 use scanweave::{Error, Monitor, Result, io};
 use std::collections::BTreeSet;
@@ -144,7 +140,7 @@ impl NewResult<'_> {
         clock.stages.extend(run.timings.iter().cloned());
         let mut poses = Document::new(scans, &run.reconstruction, run.scale.inlier_radius_m);
         let settings = config.to_toml()?;
-        let id = identity::run_id(&poses, &settings);
+        let id = result::run_id(&poses, &settings);
         clock.time("writing", || -> Result<()> {
             let clouds = self.write_clouds(&id)?;
             self.write_overlaps(&poses)?;
@@ -155,7 +151,7 @@ impl NewResult<'_> {
             exports.write(place, &poses, &registration)?;
             self.write_text(CONFIG, &settings)?;
             let written = clouds.into_iter().chain([OVERLAP, CONFIG].map(str::to_owned));
-            let files = identity::digests(place, written)?;
+            let files = result::digests_of_files(place, written)?;
             poses.run = Some(RunIdentity { id: id.clone(), files });
             Ok(())
         })?;
@@ -192,8 +188,8 @@ impl NewResult<'_> {
 
     fn write_overlaps(&self, poses: &Document) -> Result<()> {
         let Self { run, monitor, .. } = *self;
-        let written = io::atomic::write(&self.place.join(OVERLAP), |out| {
-            overlaps::write_csv(out, &run.similarity, poses, monitor)
+        let written = files::write(&self.place.join(OVERLAP), |out| {
+            result::write_overlaps_csv(out, &run.similarity, poses, monitor)
         });
         // A user who asks to stop is no failure to write.
         monitor.check(STAGE)?;
@@ -222,14 +218,14 @@ impl NewResult<'_> {
                 },
             )?;
             let poses: Vec<_> = placed_in(run, component).collect();
-            io::poses::write_trajectory(place.join(&names[1]), &poses)?;
+            io::write_log_trajectory(place.join(&names[1]), &poses)?;
             written.extend(names);
         }
         Ok(written)
     }
 
     fn write_text(&self, name: &str, text: &str) -> Result<()> {
-        io::atomic::write(&self.place.join(name), |out| out.write_all(text.as_bytes()))
+        files::write(&self.place.join(name), |out| out.write_all(text.as_bytes()))
     }
 }
 
@@ -248,7 +244,7 @@ impl Written {
 /// The `poses.json` of a result, which is declined where its folder holds files of another run too.
 pub fn load_poses(folder: &Path) -> Result<Document> {
     let poses = load_poses_for_pages(folder)?;
-    identity::check_pages(&poses, folder, &[PAGE, PROTOCOL])?;
+    result::check_pages(&poses, folder, &[PAGE, PROTOCOL])?;
     Ok(poses)
 }
 
@@ -265,7 +261,7 @@ pub fn load_poses_for_pages(folder: &Path) -> Result<Document> {
     }
     let poses = Document::load(&folder.join(POSES))?;
     let merged: Vec<String> = (0..poses.components.len()).map(|c| numbered("merged", c, "ply")).collect();
-    identity::check_folder(&poses, folder, REPORT, &merged)?;
+    result::check_folder(&poses, folder, REPORT, &merged)?;
     Ok(poses)
 }
 
@@ -329,10 +325,10 @@ fn report(scans: &[Scan], run: &Run, config: &Config, poses: &Document, clock: S
         placed: run.reconstruction.placed(),
         declined: scans.len() - run.reconstruction.placed(),
         components: run.reconstruction.components(),
-        evidence: run::rows(poses),
+        evidence: result::rows(poses),
         sizes: (0..scans.len()).map(size).collect(),
         total_seconds: clock.stages.iter().map(|t| t.seconds).sum(),
         timings: clock.stages,
-        peak_memory_bytes: run::peak_memory_bytes(),
+        peak_memory_bytes: result::peak_memory_bytes(),
     }
 }

@@ -5,7 +5,7 @@ use super::options::refuse_walk;
 use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
 use clap::Args;
-use scanweave::output_folder::FolderLock;
+use scanweave::files::FolderLock;
 use scanweave::preparation::sample::{SampleConfig, write_sample};
 use std::path::PathBuf;
 

@@ -3,7 +3,7 @@
 //! Names and texts of files are part of what is printed. All but [`print_drawn`] takes care that no
 //! control character of theirs reaches the terminal.
 
-use scanweave::printable::{printable, printable_json, printable_lines};
+use scanweave::files::{printable, printable_json, printable_lines};
 use scanweave::{Error, Result};
 use std::io::{ErrorKind, Write};
 

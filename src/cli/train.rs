@@ -4,8 +4,9 @@ use super::options::ThreadOption;
 use super::progress::Progress;
 use super::{Status, Verbosity, terminal};
 use clap::{Args, Subcommand};
+use scanweave::Error;
 use scanweave::evaluation::retrieval_scores::RetrievalScores;
-use scanweave::output_folder::FolderLock;
+use scanweave::files::{self, FolderLock};
 use scanweave::pipeline::FeatureSource;
 use scanweave::report::chart::{self, Panel, Series};
 use scanweave::training::descriptor::DescriptorRecipe;
@@ -13,7 +14,6 @@ use scanweave::training::overlap_head::{Record, TrainReport, train};
 use scanweave::training::run_folder;
 use scanweave::training::verifier::{VerifierRecipe, VerifierReport};
 use scanweave::training::{self, Recipe, mini_spin_net};
-use scanweave::{Error, io};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -120,7 +120,7 @@ impl RunOptions {
 
     /// Writes the recipe beside the run, and removes an old one where that was asked for.
     fn begin(&self, recipe: &str) -> Result<(), Error> {
-        io::atomic::write(&self.output().join(run_folder::RECIPE), |out| out.write_all(recipe.as_bytes()))?;
+        files::write(&self.output().join(run_folder::RECIPE), |out| out.write_all(recipe.as_bytes()))?;
         if self.force { remove_old_run(self.output()) } else { Ok(()) }
     }
 }
@@ -209,7 +209,7 @@ fn write_curves(path: &Path, records: &[mini_spin_net::Record]) -> Result<(), Er
         panel("training loss", "loss", losses),
         panel("validation", "patches whose counterpart is nearest", right),
     ];
-    io::atomic::write(path, |out| out.write_all(chart::svg(&panels)?.as_bytes()))
+    files::write(path, |out| out.write_all(chart::svg(&panels)?.as_bytes()))
 }
 
 /// Makes the folder and locks it, or refuses it before hours are spent on features; and whether there is a

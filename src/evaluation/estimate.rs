@@ -2,8 +2,8 @@
 
 use super::scene::SceneTruth;
 use crate::geometry::RigidMotion;
-use crate::io::poses::{read_kitti, read_log, read_tum};
-use crate::result::poses::Document;
+use crate::io::{read_kitti, read_log, read_tum};
+use crate::result::Document;
 use crate::scan::{DeclineReason, Outcome, Placement, Reconstruction};
 use crate::{Error, Result};
 use std::path::{Path, PathBuf};

@@ -3,7 +3,7 @@
 
 use super::protocol::Protocol;
 use crate::geometry::RigidMotion;
-use crate::io::dataset::{read_benchmark, read_scene};
+use crate::io::{read_benchmark, read_scene};
 use crate::io::{read_overlaps, scan_files, unique_names};
 use crate::scan::PairTruth;
 use crate::{Error, Result};

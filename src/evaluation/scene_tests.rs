@@ -3,7 +3,7 @@
 use super::super::dataset::{SetReport, evaluate_scene};
 use super::super::estimate::SceneEstimate;
 use super::*;
-use crate::io::poses::{InfoEntry, LogEntry, write_info, write_kitti, write_log, write_tum};
+use crate::io::{InfoEntry, LogEntry, write_info, write_kitti, write_log, write_tum};
 use crate::scan::ScanId;
 use nalgebra::{Matrix6, Vector3};
 use std::fs;
@@ -86,7 +86,7 @@ fn every_kind_of_trajectory_gives_the_same_figures() {
     for kind in ["log", "txt", "tum"] {
         let file = results.join(format!("s.{kind}"));
         match kind {
-            "log" => crate::io::poses::write_trajectory(&file, &named).unwrap(),
+            "log" => crate::io::write_log_trajectory(&file, &named).unwrap(),
             "txt" => write_kitti(&file, &poses).unwrap(),
             _ => write_tum(&file, &named).unwrap(),
         }
@@ -101,7 +101,7 @@ fn every_kind_of_trajectory_gives_the_same_figures() {
         fs::remove_file(file).unwrap();
     }
     let quirky = {
-        crate::io::poses::write_trajectory(results.join("s.log"), &named[1..]).unwrap();
+        crate::io::write_log_trajectory(results.join("s.log"), &named[1..]).unwrap();
         let estimate = SceneEstimate::read(&results, &truth).unwrap();
         let report = evaluate_scene(&truth, &estimate, true).unwrap();
         assert_eq!(report.declined.len(), 1);

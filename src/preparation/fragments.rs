@@ -3,7 +3,7 @@
 use crate::Monitor;
 use crate::fusion::{FusedSurface, FusionConfig, Volume};
 use crate::geometry::RigidMotion;
-use crate::io::write_dataset::SceneWriter;
+use crate::io::SceneWriter;
 use crate::io::{self, Note, PlyCloud, ReadOptions};
 use crate::{Error, Result};
 use rayon::prelude::*;
@@ -86,7 +86,7 @@ pub fn write_fragments(
     monitor: &dyn Monitor,
 ) -> Result<(Vec<Fragment>, Notes)> {
     config.fusion.validate()?;
-    let scene = io::dataset::read_scene(folder)?;
+    let scene = io::read_scene(folder)?;
     let poses = &scene.true_poses(folder)?.value;
     let ranges = config.fragments(scene.scans.len())?;
     let writer = SceneWriter::begin(output, replace)?;
@@ -140,7 +140,7 @@ pub fn fuse(
     let at_once = rayon::current_num_threads();
     for (files, poses) in images.chunks(at_once).zip(world_from_camera.chunks(at_once)) {
         monitor.check(STAGE)?;
-        let read: Vec<_> = files.par_iter().map(|file| io::depth::read_frame(file, reading)).collect();
+        let read: Vec<_> = files.par_iter().map(|file| io::read_frame(file, reading)).collect();
         for (image, world_from_camera) in read.into_iter().zip(poses) {
             let (image, told) = image?;
             told.into_iter().for_each(|note| *notes.entry(note).or_default() += 1);

@@ -2,7 +2,7 @@
 
 use crate::Monitor;
 use crate::geometry::RigidMotion;
-use crate::io::write_dataset::SceneWriter;
+use crate::io::SceneWriter;
 use crate::io::{self, PlyCloud};
 use crate::random::generator;
 use crate::{Error, Result};
@@ -80,7 +80,7 @@ pub fn write_sample(
     config: &SampleConfig,
     monitor: &dyn Monitor,
 ) -> Result<Vec<usize>> {
-    let scene = io::dataset::read_scene(folder)?;
+    let scene = io::read_scene(folder)?;
     let poses = &scene.true_poses(folder)?.value;
     let mut picked = config.picked(scene.scans.len())?;
     picked.shuffle(&mut generator(config.seed, "order of a sample", 0));

@@ -2,10 +2,10 @@
 
 use crate::Monitor;
 use crate::evaluation::ground_truth::{LO_MATCH_OVERLAP, MATCH_OVERLAP, Overlaps, overlaps, truth_of_pairs};
+use crate::files;
 use crate::geometry::Point;
 use crate::geometry::voxel_means;
-use crate::io;
-use crate::io::write_dataset::{write_benchmark, write_overlaps};
+use crate::io::{self, write_benchmark, write_overlaps};
 use crate::preprocessing::ScaleConfig;
 use crate::scan::{PairTruth, PointCloud};
 use crate::{Error, Result};
@@ -63,7 +63,7 @@ impl GroundTruth {
     /// precision, a length that is not positive, or the user asked to stop.
     pub fn of_scene(folder: &Path, config: &TruthConfig, monitor: &dyn Monitor) -> Result<Self> {
         const STAGE: &str = "overlaps";
-        let scene = io::dataset::read_scene(folder)?;
+        let scene = io::read_scene(folder)?;
         let poses = scene.true_poses(folder)?;
         let scans = io::read_scans(&scene.scans, monitor)?;
         if scans.len() < 2 {
@@ -132,7 +132,7 @@ impl GroundTruth {
             write_benchmark(&place, pairs, &self.numbers)?;
         }
         std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
-        io::atomic::write(&matrix, |out| {
+        files::write(&matrix, |out| {
             let names: Vec<String> = self.scans.iter().map(|n| quoted(n)).collect();
             writeln!(out, "scan,{}", names.join(","))?;
             names.iter().enumerate().try_for_each(|(i, name)| {

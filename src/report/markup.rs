@@ -1,8 +1,8 @@
 //! HTML from templates and text.
 
-use crate::printable::printable_lines;
-use crate::result::identity::PAGE_MARK;
-use crate::result::run::RunReport;
+use crate::files::printable_lines;
+use crate::result::PAGE_MARK;
+use crate::result::RunReport;
 
 /// A template with the values in the place of its marks `<!--name-->`, which stand in the same
 /// order. A mark is looked for in the template only, never in a value.

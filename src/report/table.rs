@@ -1,7 +1,7 @@
 //! The summary a person reads.
 
-use crate::printable::printable;
-use crate::result::run::{Row, RunReport};
+use crate::files::printable;
+use crate::result::{Row, RunReport};
 use crate::scan::Doubt;
 use comfy_table::{Attribute, Cell, CellAlignment, ContentArrangement, Table};
 use comfy_table::{LineStyle, TableStyle};

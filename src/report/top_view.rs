@@ -1,8 +1,8 @@
 //! A picture of a merged cloud, coloured by scan.
 
 use crate::geometry::Point;
-use crate::result::merged::MergedCloud;
-use crate::scan::strays::middle_and_size;
+use crate::result::MergedCloud;
+use crate::scan::middle_and_size;
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use std::fmt::Write;
 

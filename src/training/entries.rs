@@ -21,7 +21,7 @@ pub enum Split {
 }
 
 /// Folders of scans with a true pose each: the 3DMatch layout, or any other that
-/// [`io::dataset::read_scene`] knows.
+/// [`io::read_scene`] knows.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ScenesEntry {
@@ -137,7 +137,7 @@ impl SynthEntry {
 /// # Errors
 /// When scans or poses cannot be read, or there are no poses.
 pub(super) fn read_posed(folder: &Path, monitor: &dyn Monitor) -> Result<PosedScans> {
-    let scene = io::dataset::read_scene(folder)?;
+    let scene = io::read_scene(folder)?;
     let scans = io::read_scans(&scene.scans, monitor)?;
     let world_from_scan = scene.true_poses(folder)?.value.clone();
     Ok(PosedScans { name: scene.name, scans, world_from_scan })

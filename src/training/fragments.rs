@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 pub(super) fn fuse(entry: &RgbdEntry, root: &Path, monitor: &dyn Monitor) -> Result<PosedScans> {
     const STAGE: &str = "fusing depth images";
     let folder = root.join(&entry.folder);
-    let scene = io::dataset::read_scene(&folder)?;
+    let scene = io::read_scene(&folder)?;
     let poses = &scene.true_poses(&folder)?.value;
     let end = scene.scans.len().min(entry.frames.map_or(usize::MAX, |n| entry.first_frame.saturating_add(n)));
     if entry.first_frame >= end {

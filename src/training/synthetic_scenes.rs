@@ -4,7 +4,7 @@ use super::{PosedScans, SynthEntry};
 use crate::Monitor;
 use crate::Result;
 use crate::io::PlyCloud;
-use crate::io::write_dataset::SceneWriter;
+use crate::io::SceneWriter;
 use crate::synthetic::{self, SynthConfig};
 use std::path::{Path, PathBuf};
 

@@ -1,8 +1,17 @@
-//! Opening files for reading: everything that this crate reads is opened by [`open`].
+//! Files as safe to read, write and show: everything that this crate reads is opened by [`open`], everything
+//! that it writes goes through [`write`](fn@write), a folder of results belongs to one run ([`FolderLock`]), and
+//! text from elsewhere is shown by [`printable`].
 //!
 //! Only regular files are read, or links to them. Opening a named pipe waits until somebody writes to it,
 //! a device such as `/dev/zero` never ends, and a pipe can be read only once, where scans are read again
 //! for the report and for exports.
+
+pub use crate::atomic::{Sink, write, write_file};
+pub use crate::output_folder::{FolderLock, LOCK_FILE, Staging, is_same_place, is_within};
+pub use crate::printable::{
+    is_printable, printable, printable_json, printable_lines, printable_path, printable_start,
+};
+pub use crate::tensor_file::{Array, Arrays, digest_of_arrays, load_arrays, parse_arrays, save_arrays};
 
 use crate::error::{Error, Result};
 use std::fs::{self, File, FileType, Metadata};

@@ -25,7 +25,7 @@
     )
 )]
 
-pub mod atomic;
+mod atomic;
 pub mod config;
 pub mod descriptor;
 mod error;
@@ -33,11 +33,11 @@ pub mod files;
 pub mod geometry;
 pub mod io;
 mod monitor;
-pub mod output_folder;
+mod output_folder;
 mod owner;
 pub mod pipeline;
 pub mod preprocessing;
-pub mod printable;
+mod printable;
 pub mod random;
 mod register;
 pub mod registration;
@@ -45,7 +45,7 @@ pub mod result;
 pub mod retrieval;
 pub mod scan;
 pub mod synchronization;
-pub mod tensor_file;
+mod tensor_file;
 
 pub use config::Config;
 pub use error::{Error, ErrorKind, Result};

@@ -22,7 +22,7 @@ use crate::geometry::RigidMotion;
 use crate::monitor::Monitor;
 use crate::preprocessing::{ScaleWarning, Thinned, ViewpointStudy, local_frame, scale};
 use crate::registration::{self, Lengths, PosePrior, ScanInput, prior};
-use crate::result::run::StageTime;
+use crate::result::StageTime;
 use crate::retrieval::{self, Checkpoint, DescriptorTag, HeadChoice, HeadOrigin, SimilaritySource, shipped};
 use crate::scan::{
     Features, PointCloud, PoseGraph, Reconstruction, Scan, SimilarityMatrix, Surface, WorkingScale,

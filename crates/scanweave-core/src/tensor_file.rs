@@ -50,7 +50,7 @@ struct Envelope<M> {
 }
 
 /// BLAKE3 of names, shapes and values, as a hex digest.
-pub fn digest(arrays: &Arrays) -> String {
+pub fn digest_of_arrays(arrays: &Arrays) -> String {
     let mut hasher = blake3::Hasher::new();
     for (name, array) in arrays {
         hasher.update(name.as_bytes());
@@ -90,9 +90,9 @@ pub(crate) fn unsealed(text: &str) -> std::result::Result<Cow<'_, str>, String> 
 ///
 /// # Errors
 /// When the folder cannot be written.
-pub fn save<M: Serialize>(path: &Path, meta: &M, arrays: &Arrays) -> Result<()> {
+pub fn save_arrays<M: Serialize>(path: &Path, meta: &M, arrays: &Arrays) -> Result<()> {
     let fail = |e: String| Error::write(path, std::io::Error::other(e));
-    let envelope = Envelope { meta, tensors_blake3: digest(arrays) };
+    let envelope = Envelope { meta, tensors_blake3: digest_of_arrays(arrays) };
     let json = serde_json::to_string(&envelope).map_err(|e| fail(e.to_string()))?;
     let bytes: Vec<(&String, &Array, Vec<u8>)> = arrays.iter().map(|(n, a)| (n, a, a.bytes())).collect();
     let views: Vec<(&String, TensorView<'_>)> = bytes
@@ -111,7 +111,7 @@ pub fn save<M: Serialize>(path: &Path, meta: &M, arrays: &Arrays) -> Result<()> 
 /// # Errors
 /// When it is not one of ours, is cut short or altered, holds a value that is not finite, or its
 /// metadata is not of the kind that is `expected`.
-pub fn parse<M: DeserializeOwned>(path: &Path, bytes: &[u8], expected: &str) -> Result<(M, Arrays)> {
+pub fn parse_arrays<M: DeserializeOwned>(path: &Path, bytes: &[u8], expected: &str) -> Result<(M, Arrays)> {
     let broken = |found: String| {
         let remedy = "use a file written by `scanweave train` or `scanweave import-weights`";
         Error::file(path, found, expected, remedy)
@@ -141,19 +141,19 @@ pub fn parse<M: DeserializeOwned>(path: &Path, bytes: &[u8], expected: &str) -> 
         }
         arrays.insert(name, Array { shape: view.shape().to_vec(), values });
     }
-    if digest(&arrays) != envelope.tensors_blake3 {
+    if digest_of_arrays(&arrays) != envelope.tensors_blake3 {
         return Err(broken("weights that do not match their checksum".into()));
     }
     Ok((envelope.meta, arrays))
 }
 
-/// [`parse`] of a file.
+/// [`parse_arrays`] of a file.
 ///
 /// # Errors
-/// As [`parse`], and when the file cannot be read.
-pub fn load<M: DeserializeOwned>(path: &Path, expected: &str) -> Result<(M, Arrays)> {
+/// As [`parse_arrays`], and when the file cannot be read.
+pub fn load_arrays<M: DeserializeOwned>(path: &Path, expected: &str) -> Result<(M, Arrays)> {
     let bytes = crate::files::read(path)?;
-    parse(path, &bytes, expected)
+    parse_arrays(path, &bytes, expected)
 }
 
 #[cfg(test)]
@@ -169,9 +169,9 @@ mod tests {
             ("epoch".to_owned(), "12".to_owned()),
         ]);
         let arrays = Arrays::from([("a".to_owned(), Array::new(&[2], vec![1.0, 2.0]))]);
-        save(&path, &meta, &arrays).unwrap();
+        save_arrays(&path, &meta, &arrays).unwrap();
         let bytes = std::fs::read(&path).unwrap();
-        let read = |bytes: &[u8]| parse::<BTreeMap<String, String>>(&path, bytes, "a test");
+        let read = |bytes: &[u8]| parse_arrays::<BTreeMap<String, String>>(&path, bytes, "a test");
         assert_eq!(read(&bytes).unwrap(), (meta, arrays));
         for at in 0..bytes.len() {
             for bit in [1, 2, 4, 64] {

@@ -3,7 +3,7 @@
 use super::points::Shown;
 use crate::geometry::PointIndex;
 use crate::geometry::{PointMover, RigidMotion, motion_from_matrix};
-use crate::result::poses::{Document, EntryOutcome, Pose};
+use crate::result::{Document, EntryOutcome, Pose};
 use crate::scan::Surface;
 use nalgebra::{Matrix4, Vector3};
 use rayon::prelude::*;

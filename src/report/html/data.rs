@@ -3,11 +3,11 @@
 use super::points::{MOST_POINTS, Packed, PointSource, choose};
 use super::{Input, agreement, wording};
 use crate::evaluation::pose_error::PoseError;
+use crate::files::{printable, printable_lines};
 use crate::geometry::RigidMotion;
-use crate::printable::{printable, printable_lines};
-use crate::result::overlaps::ten_thousandths;
-use crate::result::poses::{Component, Entry, EntryOutcome, Pose};
-use crate::result::run::{ScanSize, StageTime};
+use crate::result::ten_thousandths;
+use crate::result::{Component, Entry, EntryOutcome, Pose};
+use crate::result::{ScanSize, StageTime};
 use crate::scan::WorkingScale;
 use crate::scan::{Doubt, Evidence, NeighbourEvidence, PoseUncertainty, SimilarityMatrix};
 use base64::Engine;

@@ -14,10 +14,10 @@ pub use wording::headline;
 
 use super::markup::{escaped, filled, run_mark};
 use crate::evaluation::pose_error::PoseReport;
+use crate::files::printable_json;
 use crate::geometry::RigidMotion;
-use crate::printable::printable_json;
-use crate::result::poses::Document;
-use crate::result::run::RunReport;
+use crate::result::Document;
+use crate::result::RunReport;
 use crate::scan::{PointCloud, SimilarityMatrix, Surface};
 use crate::{Error, Result};
 

@@ -1,6 +1,5 @@
 use super::*;
 use crate::geometry::{Point, RigidMotion};
-use crate::result::run;
 use crate::scan::WorkingScale;
 use crate::scan::{DeclineReason, Outcome, Placement, Reconstruction, Scan, ScanId};
 
@@ -54,7 +53,7 @@ fn run_report(document: &Document) -> RunReport {
         placed: 0,
         declined: 0,
         components: 0,
-        evidence: run::rows(document),
+        evidence: crate::result::rows(document),
         sizes: Vec::new(),
         timings: Vec::new(),
         total_seconds: 0.0,

@@ -1,6 +1,6 @@
 //! The result in words, for readers new to registration.
 
-use crate::result::poses::{Document, EntryOutcome};
+use crate::result::{Document, EntryOutcome};
 use crate::scan::DeclineReason;
 
 /// Below this probability of being right the best fit only shows that there is none.
@@ -97,7 +97,7 @@ mod tests {
     use super::super::tests::{document, placed};
     use super::*;
     use crate::geometry::RigidMotion;
-    use crate::result::poses::Component;
+    use crate::result::Component;
     use crate::scan::{Evidence, Outcome};
 
     #[test]

@@ -1,9 +1,9 @@
 //! Scans, features and results.
 
 use crate::geometry::{Point, PointIndex};
-use crate::result::identity::check_report;
-use crate::result::poses::{Document, EntryOutcome};
-use crate::result::run::RunReport;
+use crate::result::RunReport;
+use crate::result::check_report;
+use crate::result::{Document, EntryOutcome};
 use crate::scan::WorkingScale;
 use crate::scan::{Features, PointCloud};
 use crate::{Error, Result};
@@ -196,7 +196,7 @@ fn run_of(poses: &Document, path: &Path) -> Result<RunContent> {
 }
 
 fn left_out(poses: &Document) -> Vec<LeftOut> {
-    let reason = |scan: &crate::result::poses::Entry| match &scan.outcome {
+    let reason = |scan: &crate::result::Entry| match &scan.outcome {
         EntryOutcome::Declined { explanation, .. } => {
             Some(LeftOut { scan: scan.name.clone(), reason: explanation.clone() })
         }

@@ -85,8 +85,8 @@ fn file(path: &Path, options: &ReadOptions) -> Result<Vec<Finding>> {
         Content::Result(Box::new(content::result(path.parent().unwrap_or(Path::new("")))?))
     } else if has_extension(path, "safetensors") {
         Content::Checkpoint(tensors::checkpoint(path)?)
-    } else if has_extension(path, "npz") && io::features::holds_features(path)? {
-        Content::Features(content::features(&io::features::read_npz(path)?))
+    } else if has_extension(path, "npz") && io::holds_features(path)? {
+        Content::Features(content::features(&io::read_features(path)?))
     } else {
         let read = io::read_file(path, options)?;
         let several = read.scans.len() > 1;

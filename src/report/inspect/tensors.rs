@@ -1,7 +1,6 @@
 //! Checkpoints: any safetensors file, our own with their metadata and checksum.
 
 use crate::retrieval::Checkpoint;
-use crate::tensor_file;
 use crate::{Error, Result, files};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
@@ -76,7 +75,7 @@ fn check(path: &Path, bytes: &[u8], papers: &Value) -> Result<()> {
     if papers.pointer("/meta/architecture/head").is_some() {
         return Checkpoint::from_bytes(path, bytes).map(|_| ());
     }
-    tensor_file::parse::<Value>(path, bytes, "a whole checkpoint").map(|_| ())
+    files::parse_arrays::<Value>(path, bytes, "a whole checkpoint").map(|_| ())
 }
 
 fn tensor(name: &str, view: &TensorView<'_>) -> TensorContent {

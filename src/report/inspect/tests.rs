@@ -44,7 +44,7 @@ fn features_and_clouds_in_archives_are_told_apart() {
     let keypoints = [[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]].map(Point::from).to_vec();
     let descriptors = Descriptors::new(2, vec![0.6, -0.8, 0.0, 0.0]).unwrap();
     let path = place.path().join("f.npz");
-    io::features::write_npz(&path, &Features::new(keypoints, None, descriptors).unwrap()).unwrap();
+    io::write_features(&path, &Features::new(keypoints, None, descriptors).unwrap()).unwrap();
     let Content::Features(features) = one(&path) else { panic!("no features") };
     assert_eq!((features.keypoints, features.dim, features.normals), (2, 2, false));
     assert_eq!((features.values, features.zero_descriptors), (Some([-0.8, 0.6]), 1));

@@ -3,7 +3,7 @@
 use super::content::{FeatureContent, ResultContent, ScanContent};
 use super::tensors::CheckpointContent;
 use super::{Content, Finding};
-use crate::printable::{printable, printable_path};
+use crate::files::{printable, printable_path};
 use crate::report::table::{drawn, length};
 use serde_json::Value;
 use std::collections::BTreeMap;

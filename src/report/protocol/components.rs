@@ -5,7 +5,7 @@ use super::plan;
 use super::scans::name;
 use super::table::{self, Table, facts, heading, millimetres, paragraph, percent, subheading};
 use super::{Input, MOST_PAIRS, WEAKEST_PAIRS};
-use crate::result::poses::Component;
+use crate::result::Component;
 
 /// Scans that are named where there are more; the others are counted.
 const FEW: usize = 8;

@@ -11,8 +11,8 @@ mod scans;
 mod table;
 
 use super::markup::{filled, run_mark};
-use crate::result::poses::{Document, EntryOutcome};
-use crate::result::run::RunReport;
+use crate::result::RunReport;
+use crate::result::{Document, EntryOutcome};
 use network::Network;
 use table::{heading, paragraph};
 

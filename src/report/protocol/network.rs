@@ -1,6 +1,6 @@
 //! The network of scans and the pairs that touch.
 
-use crate::result::poses::{Document, EntryOutcome, Pose};
+use crate::result::{Document, EntryOutcome, Pose};
 use crate::scan::ScanEdge;
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -2,7 +2,7 @@
 
 use super::network::{Network, Pair};
 use super::scans::centre;
-use crate::result::poses::Component;
+use crate::result::Component;
 use std::fmt::Write;
 
 /// Beyond so many scans the numbers in a plan can no longer be read.

@@ -5,7 +5,7 @@ use super::network::Network;
 use super::precision::{Deviations, LIMIT_DEG, in_words};
 use super::table::{self, NONE, Table, heading, millimetres, paragraph, probability};
 use crate::geometry::motion_from_matrix;
-use crate::result::poses::{Document, Entry, EntryOutcome, Pose};
+use crate::result::{Document, Entry, EntryOutcome, Pose};
 use crate::scan::Doubt;
 use nalgebra::{Matrix4, Point3};
 use std::path::{Path, PathBuf};

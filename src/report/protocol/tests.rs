@@ -2,8 +2,7 @@ use super::network::Network;
 use super::precision::{Deviations, Strength, in_words};
 use super::*;
 use crate::geometry::RigidMotion;
-use crate::result::poses::Component;
-use crate::result::run;
+use crate::result::Component;
 use crate::scan::{
     DeclineReason, Evidence, NeighbourEvidence, Outcome, Placement, PointCloud, PoseUncertainty,
     Reconstruction, Scan, ScanEdge, ScanId, WorkingScale,
@@ -60,7 +59,7 @@ fn run_report(document: &Document, seconds: f64) -> RunReport {
         placed: 0,
         declined: 0,
         components: 0,
-        evidence: run::rows(document),
+        evidence: crate::result::rows(document),
         sizes: Vec::new(),
         timings: Vec::new(),
         total_seconds: seconds,

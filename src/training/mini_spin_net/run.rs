@@ -5,11 +5,10 @@ use super::batch::Batch;
 use super::learner::{Learner, State};
 use super::pairs::{PairScene, PatchPair};
 use crate::Monitor;
-use crate::atomic;
 use crate::descriptor::mini_spin_net::{
     Checkpoint, DESCRIPTOR, FORMAT_VERSION, Meta, Network, Patch, Weights, Workspace,
 };
-use crate::tensor_file::{self, Array};
+use crate::files::{self, Array};
 use crate::training::run_folder;
 use crate::{Error, Result};
 use rayon::prelude::*;
@@ -156,7 +155,7 @@ impl<'a> Run<'a> {
     }
 
     fn read_last(&mut self) -> Result<()> {
-        let (meta, arrays): (Meta, _) = tensor_file::load(&self.last, "a checkpoint to go on from")?;
+        let (meta, arrays): (Meta, _) = files::load_arrays(&self.last, "a checkpoint to go on from")?;
         let refuse = |found: String, expected: &str| {
             let remedy = "use the settings and scenes it was started with, or start a new run";
             Error::file(&self.last, found, expected, remedy)
@@ -230,7 +229,7 @@ impl<'a> Run<'a> {
                 arrays.insert(format!("optimizer.{p}.{name}"), Array::new(&[values.len()], values.clone()));
             }
         }
-        tensor_file::save(&self.last, &checkpoint.meta, &arrays)
+        files::save_arrays(&self.last, &checkpoint.meta, &arrays)
     }
 
     fn checkpoint(&self) -> Checkpoint {
@@ -259,7 +258,7 @@ impl<'a> Run<'a> {
             .map(serde_json::to_string)
             .collect::<std::result::Result<_, _>>()
             .map_err(|e| fail(e.into()))?;
-        atomic::write(&path, |out| lines.iter().try_for_each(|line| writeln!(out, "{line}")))
+        files::write(&path, |out| lines.iter().try_for_each(|line| writeln!(out, "{line}")))
     }
 }
 

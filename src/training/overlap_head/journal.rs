@@ -1,7 +1,7 @@
 //! The run's log: one JSON record a line, and a picture of its curves.
 
 use super::validation::Validation;
-use crate::atomic;
+use crate::files;
 use crate::training::run_folder;
 use crate::{Error, Result};
 use plotters::coord::Shift;
@@ -85,10 +85,10 @@ impl Journal {
             lines += &line;
             lines.push('\n');
         }
-        atomic::write(&self.folder.join(run_folder::METRICS), |out| out.write_all(lines.as_bytes()))?;
+        files::write(&self.folder.join(run_folder::METRICS), |out| out.write_all(lines.as_bytes()))?;
         let path = self.folder.join(run_folder::CURVES);
         let picture = curves(&self.records).map_err(|e| Error::write(&path, std::io::Error::other(e)))?;
-        atomic::write(&path, |out| out.write_all(picture.as_bytes()))
+        files::write(&path, |out| out.write_all(picture.as_bytes()))
     }
 }
 

@@ -6,7 +6,7 @@ use crate::config::Config;
 use crate::evaluation::pose_error::PoseError;
 use crate::geometry::RigidMotion;
 use crate::pipeline::{self, FeatureSource, Stopwatch};
-use crate::registration::config::{AgglomerativeConfig, SurfaceVerification};
+use crate::registration::{AgglomerativeConfig, SurfaceVerification};
 use crate::registration::{
     MIN_KEYPOINTS, PairScorer, ScanInput, ScanModel, ScoredPairs, most_similar_pairs, predictors,
     score_pairs, unusable, with_aliasing, with_scan_count_prior,
@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate {
     /// Predictors of the logistic model, in the order of
-    /// [`EvidenceWeights::as_array`](crate::registration::config::EvidenceWeights::as_array).
+    /// [`EvidenceWeights::as_array`](crate::registration::EvidenceWeights::as_array).
     pub predictors: [f64; 10],
     /// What the collection adds to the log odds: its perceptual aliasing and its number of scans.
     pub offset: f64,

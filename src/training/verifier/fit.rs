@@ -1,7 +1,7 @@
 //! Monotone logistic regression with a ridge toward given weights.
 
 use super::{Candidate, KindCandidates};
-use crate::registration::config::EvidenceWeights;
+use crate::registration::EvidenceWeights;
 use nalgebra::{DMatrix, DVector};
 
 const N: usize = 10;

@@ -19,7 +19,7 @@ pub use report::{Accepted, Judgement, KindRow, ReliabilityBin, VerifierReport};
 use crate::Monitor;
 use crate::config::Layers;
 use crate::descriptor::{DescriptorConfig, DescriptorKind, KeypointConfig};
-use crate::registration::config::EvidenceWeights;
+use crate::registration::EvidenceWeights;
 use crate::synthetic::ambiguous::Place;
 use crate::{Error, Result};
 use schemars::JsonSchema;

@@ -2,9 +2,9 @@
 
 use super::fit::{fit, loss};
 use super::{Candidate, KindCandidates, VerifierRecipe};
-use crate::registration::config::EvidenceWeights;
+use crate::registration::EvidenceWeights;
 use crate::report::chart::{self, Panel, Series};
-use crate::{Error, Result, io};
+use crate::{Error, Result, files};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -195,9 +195,8 @@ impl VerifierReport {
     /// # Errors
     /// [`Error::Write`] naming the file.
     pub fn write(&self, folder: &Path) -> Result<()> {
-        let write = |name: &str, text: &str| {
-            io::atomic::write(&folder.join(name), |out| out.write_all(text.as_bytes()))
-        };
+        let write =
+            |name: &str, text: &str| files::write(&folder.join(name), |out| out.write_all(text.as_bytes()));
         let [verifier, picture, recipe] = Self::FILES;
         write(recipe, &self.recipe.to_toml()?)?;
         let picture_text = chart::svg(&[self.panel()]).map_err(|e| Error::write(folder.join(picture), e))?;

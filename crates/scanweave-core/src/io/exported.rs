@@ -1,7 +1,7 @@
 //! Which files of a folder are scans that this program exported: moved copies, which must not be taken for more
 //! scans where folders are looked through.
 
-use super::atomic;
+use crate::atomic;
 use crate::error::Result;
 use crate::files;
 use std::collections::BTreeSet;

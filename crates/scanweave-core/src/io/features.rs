@@ -3,10 +3,11 @@
 use super::npy::{self, Array, Number};
 use super::npz::{self, Archive};
 use super::poses::read_text;
+use super::read_cloud;
 use super::scalar::parse_number;
 use super::scan_file::ReadOptions;
 use super::unpack_limit::UnpackLimit;
-use super::{atomic, read_cloud};
+use crate::atomic;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::geometry::{Direction, Point};
@@ -24,15 +25,15 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// [`Error::Read`]; [`Error::File`] for a missing array, a wrong shape, lengths that disagree
 /// or a number that is not finite.
-pub fn read_npz(path: impl AsRef<Path>) -> Result<Features> {
-    read_npz_with(path, &ReadOptions::default())
+pub fn read_features(path: impl AsRef<Path>) -> Result<Features> {
+    read_features_with(path, &ReadOptions::default())
 }
 
-/// [`read_npz`] of an archive that may unpack to as much as the options say.
+/// [`read_features`] of an archive that may unpack to as much as the options say.
 ///
 /// # Errors
-/// As [`read_npz`].
-pub fn read_npz_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Features> {
+/// As [`read_features`].
+pub fn read_features_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Features> {
     let path = path.as_ref();
     let bytes = files::read(path)?;
     let limit = UnpackLimit::of_scan(options, bytes.len() as u64);
@@ -43,10 +44,10 @@ pub fn read_npz_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Fe
 pub(crate) type CacheKey = [u8; 32];
 const CACHE_KEY: &str = "key";
 
-/// [`read_npz`] of an entry of a cache, which holds the `key` that it was written with.
+/// [`read_features`] of an entry of a cache, which holds the `key` that it was written with.
 ///
 /// # Errors
-/// As [`read_npz`], and [`Error::File`] for the features of another scan or of other settings.
+/// As [`read_features`], and [`Error::File`] for the features of another scan or of other settings.
 pub(crate) fn read_cached(path: &Path, key: &CacheKey) -> Result<Features> {
     let bytes = files::read(path)?;
     read_archive(path, Archive::open(path, &bytes)?, Some(key))
@@ -100,11 +101,11 @@ pub fn holds_features(path: impl AsRef<Path>) -> Result<bool> {
     Ok(["keypoints", "descriptors"].iter().all(|wanted| keys.iter().any(|key| key == wanted)))
 }
 
-/// Writes what [`read_npz`] reads, as 32-bit floats.
+/// Writes what [`read_features`] reads, as 32-bit floats.
 ///
 /// # Errors
 /// [`Error::Write`].
-pub fn write_npz(path: impl AsRef<Path>, features: &Features) -> Result<()> {
+pub fn write_features(path: impl AsRef<Path>, features: &Features) -> Result<()> {
     write_archive(path.as_ref(), features, None)
 }
 
@@ -140,7 +141,7 @@ fn write_archive(path: &Path, features: &Features, cache_key: Option<&CacheKey>)
 /// # Errors
 /// [`Error::Read`]; [`Error::File`] for an index beyond the cloud, or keypoints and descriptors whose
 /// lengths disagree, naming both files and both lengths.
-pub fn read_sghr(
+pub fn read_sghr_features(
     dataset_dir: impl AsRef<Path>,
     desc_name: &str,
     index: usize,
@@ -159,14 +160,14 @@ pub fn read_sghr(
     join(&descriptor_file, keypoints, None, descriptors)
 }
 
-/// [`read_sghr`] with the cloud read from the data set's `PointCloud/cloud_bin_<index>.ply`.
+/// [`read_sghr_features`] with the cloud read from the data set's `PointCloud/cloud_bin_<index>.ply`.
 ///
 /// # Errors
-/// Those of [`read_cloud`] and [`read_sghr`].
+/// Those of [`read_cloud`] and [`read_sghr_features`].
 pub fn read_sghr_scan(dataset_dir: impl AsRef<Path>, desc_name: &str, index: usize) -> Result<Features> {
     let dir = dataset_dir.as_ref();
     let cloud = read_cloud(dir.join("PointCloud").join(format!("cloud_bin_{index}.ply")))?;
-    read_sghr(dir, desc_name, index, &cloud)
+    read_sghr_features(dir, desc_name, index, &cloud)
 }
 
 fn find_keypoints(dir: &Path, index: usize) -> Result<PathBuf> {

@@ -4,9 +4,9 @@
 //! metres), rotation as x y z w, matches, inliers, residual (m), overlap, median distance (m),
 //! its share of the seconds that all took which were registered with it.
 
-use super::atomic;
 use super::npy::{Array, Number};
 use super::npz::{self, Archive};
+use crate::atomic;
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::scan::{PairKey, PairRegistration};
@@ -23,12 +23,12 @@ const VALUES: usize = 13;
 /// Registrations and the seconds of each.
 pub type Pairs = BTreeMap<PairKey, (PairRegistration, f64)>;
 
-/// Reads what [`write()`] writes, to the last bit.
+/// Reads what [`write_pairs()`] writes, to the last bit.
 ///
 /// # Errors
 /// [`Error::Read`]; [`Error::File`] for missing arrays or wrong shapes, and for pairs that were registered
 /// with other settings: a file that was renamed is not taken for another.
-pub fn read(path: &Path, settings: &str) -> Result<Pairs> {
+pub fn read_pairs(path: &Path, settings: &str) -> Result<Pairs> {
     let bytes = crate::files::read(path)?;
     let mut archive = Archive::open(path, &bytes)?;
     let stored = archive.array::<f32>(SETTINGS)?.map(|a| a.values).unwrap_or_default();
@@ -62,7 +62,7 @@ fn numbers_of<T: Number>(path: &Path, name: &str, columns: usize, array: Option<
 ///
 /// # Errors
 /// [`Error::Write`].
-pub fn write(path: &Path, settings: &str, pairs: &Pairs) -> Result<()> {
+pub fn write_pairs(path: &Path, settings: &str, pairs: &Pairs) -> Result<()> {
     let keys: Vec<u8> = pairs.keys().flat_map(|k| k.target.into_iter().chain(k.source)).collect();
     let values: Vec<f64> = pairs.values().flat_map(numbers).collect();
     atomic::write(path, |sink| {
@@ -127,10 +127,10 @@ mod tests {
             BTreeMap::from([(key(3, 255), (found, 0.021)), (key(0, 1), (PairRegistration::default(), 0.0))]);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("pairs.npz");
-        write(&path, "ab12", &pairs).unwrap();
-        assert_eq!(read(&path, "ab12").unwrap(), pairs);
+        write_pairs(&path, "ab12", &pairs).unwrap();
+        assert_eq!(read_pairs(&path, "ab12").unwrap(), pairs);
         for other in ["ab13", "ab1", "ab123", ""] {
-            assert!(matches!(read(&path, other), Err(Error::File { .. })), "{other}");
+            assert!(matches!(read_pairs(&path, other), Err(Error::File { .. })), "{other}");
         }
         // In the archive's list of arrays, in the settings and in the numbers.
         let bytes = std::fs::read(&path).unwrap();
@@ -142,11 +142,11 @@ mod tests {
             let mut flipped = bytes.clone();
             flipped[at.unwrap()] ^= 1;
             std::fs::write(&path, flipped).unwrap();
-            assert!(matches!(read(&path, "ab12"), Err(Error::File { .. })), "{at:?}");
+            assert!(matches!(read_pairs(&path, "ab12"), Err(Error::File { .. })), "{at:?}");
         }
-        write(&path, "ab12", &Pairs::new()).unwrap();
-        assert!(read(&path, "ab12").unwrap().is_empty());
+        write_pairs(&path, "ab12", &Pairs::new()).unwrap();
+        assert!(read_pairs(&path, "ab12").unwrap().is_empty());
         std::fs::write(&path, b"no archive").unwrap();
-        assert!(matches!(read(&path, "ab12"), Err(Error::File { .. })));
+        assert!(matches!(read_pairs(&path, "ab12"), Err(Error::File { .. })));
     }
 }

@@ -97,7 +97,7 @@ fn g2o_information(information: &Matrix6<f64>) -> Matrix6<f64> {
 ///
 /// # Errors
 /// [`Error::Write`](crate::Error::Write).
-pub fn write_open3d(path: impl AsRef<Path>, graph: &PoseGraphFile) -> Result<()> {
+pub fn write_open3d_pose_graph(path: impl AsRef<Path>, graph: &PoseGraphFile) -> Result<()> {
     let class = |name: &str, mut value: Value| {
         value["class_name"] = json!(name);
         value["version_major"] = json!(1);
@@ -202,7 +202,7 @@ mod tests {
     fn open3d_has_columns_and_rotation_first() {
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("g.json");
-        write_open3d(&path, &graph()).unwrap();
+        write_open3d_pose_graph(&path, &graph()).unwrap();
         let value: Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
         assert_eq!(value["class_name"], "PoseGraph");
         assert_eq!((&value["version_major"], &value["version_minor"]), (&json!(1), &json!(0)));

@@ -178,7 +178,7 @@ pub fn write_log(path: impl AsRef<Path>, entries: &[LogEntry]) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::Write`].
-pub fn write_trajectory(path: impl AsRef<Path>, world_from_scan: &[(ScanId, RigidMotion)]) -> Result<()> {
+pub fn write_log_trajectory(path: impl AsRef<Path>, world_from_scan: &[(ScanId, RigidMotion)]) -> Result<()> {
     let entry = |&(ScanId(i), pose): &(ScanId, RigidMotion)| LogEntry { i, j: i, n: i + 1, pose };
     write_log(path, &world_from_scan.iter().map(entry).collect::<Vec<_>>())
 }

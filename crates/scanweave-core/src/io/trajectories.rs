@@ -13,7 +13,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Columns of the CSV.
-pub const CSV_HEAD: &str = "name,file,component,tx,ty,tz,qx,qy,qz,qw,probability,sigma_t_m,sigma_r_deg";
+pub const TRAJECTORY_CSV_HEAD: &str =
+    "name,file,component,tx,ty,tz,qx,qy,qz,qw,probability,sigma_t_m,sigma_r_deg";
 
 /// A placed scan, as trajectories state it.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,7 +67,7 @@ pub fn distinct_numbers<'a>(names: impl IntoIterator<Item = &'a str>) -> Option<
 ///
 /// # Errors
 /// [`Error::Write`](crate::Error::Write).
-pub fn write_tum(path: impl AsRef<Path>, scans: &[PlacedScan], all_names: &[&str]) -> Result<()> {
+pub fn write_tum_trajectory(path: impl AsRef<Path>, scans: &[PlacedScan], all_names: &[&str]) -> Result<()> {
     let numbers = distinct_numbers(all_names.iter().copied());
     atomic::write(path.as_ref(), |w| {
         writeln!(w, "# timestamp tx ty tz qx qy qz qw")?;
@@ -79,32 +80,34 @@ pub fn write_tum(path: impl AsRef<Path>, scans: &[PlacedScan], all_names: &[&str
     })
 }
 
-/// Writes a 3×4 matrix a line (KITTI), and beside it in [`names_file`] the name of each line's scan,
+/// Writes a 3×4 matrix a line (KITTI), and beside it in [`trajectory_names_file`] the name of each line's scan,
 /// which the format has no place for.
 ///
 /// # Errors
 /// [`Error::Write`](crate::Error::Write).
-pub fn write_kitti(path: impl AsRef<Path>, scans: &[PlacedScan]) -> Result<()> {
+pub fn write_kitti_trajectory(path: impl AsRef<Path>, scans: &[PlacedScan]) -> Result<()> {
     let path = path.as_ref();
     // The names come first: matrices without names are read by their order.
-    atomic::write(&names_file(path), |w| scans.iter().try_for_each(|s| writeln!(w, "{}", s.name)))?;
+    atomic::write(&trajectory_names_file(path), |w| {
+        scans.iter().try_for_each(|s| writeln!(w, "{}", s.name))
+    })?;
     write_matrices(path, &scans.iter().map(|s| s.world_from_scan).collect::<Vec<_>>())
 }
 
 /// `trajectory_kitti_names.txt` of `trajectory_kitti.txt`.
-pub fn names_file(path: &Path) -> PathBuf {
+pub fn trajectory_names_file(path: &Path) -> PathBuf {
     let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
     path.with_file_name(format!("{stem}_names.txt"))
 }
 
-/// Writes a table with the columns [`CSV_HEAD`]; what is not known is left empty.
+/// Writes a table with the columns [`TRAJECTORY_CSV_HEAD`]; what is not known is left empty.
 ///
 /// # Errors
 /// [`Error::Write`](crate::Error::Write).
-pub fn write_csv(path: impl AsRef<Path>, scans: &[PlacedScan]) -> Result<()> {
+pub fn write_csv_trajectory(path: impl AsRef<Path>, scans: &[PlacedScan]) -> Result<()> {
     let optional = |v: Option<f64>| v.map(|v| format!("{v:?}")).unwrap_or_default();
     atomic::write(path.as_ref(), |w| {
-        writeln!(w, "{CSV_HEAD}")?;
+        writeln!(w, "{TRAJECTORY_CSV_HEAD}")?;
         for s in scans {
             let (name, file) = (quoted(&s.name), quoted(s.file.as_deref().unwrap_or_default()));
             let pose = joined(&translation_and_xyzw(&s.world_from_scan), ",");
@@ -123,7 +126,7 @@ pub fn write_csv(path: impl AsRef<Path>, scans: &[PlacedScan]) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::Write`](crate::Error::Write).
-pub fn write_images(path: impl AsRef<Path>, scans: &[PlacedScan]) -> Result<()> {
+pub fn write_images_trajectory(path: impl AsRef<Path>, scans: &[PlacedScan]) -> Result<()> {
     atomic::write(path.as_ref(), |w| {
         writeln!(w, "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME")?;
         writeln!(w, "# POINTS2D[] as (X, Y, POINT3D_ID): none")?;
@@ -210,7 +213,7 @@ mod tests {
         let path = place.path().join("t.tum");
         let root = 0.5f64.sqrt();
         for (names, stamp) in [(["a5", "a9"], 9.0), (["a", "b"], 1.0), (["a5", "b5"], 1.0)] {
-            write_tum(&path, &[scan(1, names[1])], &names).unwrap();
+            write_tum_trajectory(&path, &[scan(1, names[1])], &names).unwrap();
             let text = std::fs::read_to_string(&path).unwrap();
             let lines: Vec<&str> = text.lines().collect();
             assert_eq!(lines.len(), 2);
@@ -222,7 +225,7 @@ mod tests {
     fn kitti_lines_are_three_rows_and_the_names_stand_beside() {
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("k_1.txt");
-        write_kitti(&path, &[scan(0, "first"), scan(2, "third")]).unwrap();
+        write_kitti_trajectory(&path, &[scan(0, "first"), scan(2, "third")]).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
         // R = [[0,-1,0],[1,0,0],[0,0,1]] with t as the last column, row by row.
         let expected = [0.0, -1.0, 0.0, 1.0, 1.0, 0.0, 0.0, -2.0, 0.0, 0.0, 1.0, 0.5];
@@ -237,7 +240,7 @@ mod tests {
     fn the_table_quotes_what_it_must_and_leaves_the_unknown_empty() {
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("t.csv");
-        write_csv(&path, &[scan(0, "a, \"b\""), scan(1, "plain")]).unwrap();
+        write_csv_trajectory(&path, &[scan(0, "a, \"b\""), scan(1, "plain")]).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines[0], "name,file,component,tx,ty,tz,qx,qy,qz,qw,probability,sigma_t_m,sigma_r_deg");
@@ -254,7 +257,7 @@ mod tests {
     fn images_hold_the_inverse_with_the_scalar_first() {
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("images.txt");
-        write_images(&path, &[scan(3, "a b")]).unwrap();
+        write_images_trajectory(&path, &[scan(3, "a b")]).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
         let lines: Vec<&str> = text.lines().filter(|l| !l.starts_with('#')).collect();
         assert_eq!(lines.len(), 2);

@@ -118,9 +118,9 @@ pub fn read_features(
             let features = match published {
                 Some(descriptor) if !own.exists() => {
                     let dataset = folder.parent().unwrap_or(Path::new(""));
-                    io::features::read_sghr(dataset, descriptor, number_of(scan)?, &scan.cloud)
+                    io::features::read_sghr_features(dataset, descriptor, number_of(scan)?, &scan.cloud)
                 }
-                _ => io::features::read_npz_with(&own, options),
+                _ => io::features::read_features_with(&own, options),
             };
             monitor.advance(1);
             features
@@ -194,7 +194,7 @@ mod tests {
         std::fs::rename(&other, &names[1]).unwrap();
         assert_eq!([get(0), get(1)], [(1.0, false), (2.0, false)]);
         // So is one without a key.
-        io::features::write_npz(&names[0], &features(7.0)).unwrap();
+        io::features::write_features(&names[0], &features(7.0)).unwrap();
         assert_eq!([get(0), get(1)], [(1.0, false), (2.0, true)]);
     }
 }

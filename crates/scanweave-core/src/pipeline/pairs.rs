@@ -55,7 +55,7 @@ impl PairCache {
             return pairs.clone();
         }
         let Some(path) = self.file(settings).filter(|p| p.exists()) else { return Pairs::new() };
-        let pairs = io::pairs::read(&path, settings).unwrap_or_else(|error| {
+        let pairs = io::pairs::read_pairs(&path, settings).unwrap_or_else(|error| {
             tracing::warn!("registering again what the cache should hold: {error}");
             Pairs::new()
         });
@@ -66,7 +66,7 @@ impl PairCache {
     fn keep(&self, settings: &str, pairs: Pairs) -> Result<()> {
         if let (Some(folder), Some(path)) = (&self.folder, self.file(settings)) {
             std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
-            io::pairs::write(&path, settings, &pairs)?;
+            io::pairs::write_pairs(&path, settings, &pairs)?;
         }
         self.known.lock().unwrap_or_else(PoisonError::into_inner).insert(settings.to_owned(), pairs);
         Ok(())

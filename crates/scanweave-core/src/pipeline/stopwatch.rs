@@ -1,6 +1,6 @@
 //! How long every stage took.
 
-use crate::result::run::StageTime;
+use crate::result::StageTime;
 use std::time::Instant;
 
 /// Times stages.

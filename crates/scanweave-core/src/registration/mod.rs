@@ -2,7 +2,7 @@
 
 pub(crate) mod agglomerative;
 pub(crate) mod canonical_order;
-pub mod config;
+pub(crate) mod config;
 pub(crate) mod incremental;
 pub(crate) mod input;
 pub(crate) mod multiview_icp;
@@ -38,14 +38,17 @@ pub use verification::probability::{
 pub use verification::surface_fit::{Posed, SurfaceFit, surface_fit};
 pub use verification::verifier::{ScoredHypothesis, Verifier};
 
-pub use config::RegistrationConfig;
+pub use config::{
+    AgglomerativeConfig, AveragingConfig, Axis, EstimatorConfig, EvidenceWeights, FineRefinementConfig,
+    IncrementalConfig, InlierCountConfig, MergeRule, MultiviewIcpConfig, Ordering, PriorConfig, RansacConfig,
+    RegistrationConfig, SpatialCompatibilityConfig, Strategy, SurfaceVerification, VerificationConfig,
+};
 pub use input::{Lengths, ScanInput};
 
 use crate::error::Result;
 use crate::monitor::Monitor;
 use crate::scan::{Reconstruction, SimilarityMatrix};
 use canonical_order::CanonicalOrder;
-use config::Strategy;
 
 /// Registers all scans by the strategy of the settings. Scans that only fit each other form
 /// components of their own; what fits nowhere is declined.

@@ -33,7 +33,10 @@ pub fn run_id(document: &Document, settings: &str) -> String {
 ///
 /// # Errors
 /// Those of [`files::open`].
-pub fn digests(folder: &Path, names: impl IntoIterator<Item = String>) -> Result<BTreeMap<String, String>> {
+pub fn digests_of_files(
+    folder: &Path,
+    names: impl IntoIterator<Item = String>,
+) -> Result<BTreeMap<String, String>> {
     names.into_iter().map(|name| Ok((name.clone(), digest(&folder.join(name))?))).collect()
 }
 
@@ -153,7 +156,7 @@ mod tests {
         // BLAKE3 of "abc", from the test vectors of other implementations (b3sum).
         const ABC: &str = "6437b3ac38465133ffb63b75273a8db548c558465d79db03fd359c6cd5bd9d85";
         std::fs::write(&file, "abc").unwrap();
-        let files = digests(folder.path(), ["overlap.csv".to_owned()]).unwrap();
+        let files = digests_of_files(folder.path(), ["overlap.csv".to_owned()]).unwrap();
         assert_eq!(files["overlap.csv"], ABC);
         let document = document(Some(RunIdentity { id: "1f".to_owned(), files }));
         let check = || check_folder(&document, folder.path(), "report.json", &[]);

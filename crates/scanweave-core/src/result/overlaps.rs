@@ -16,7 +16,7 @@ const HEAD: [&str; 4] = ["scan_a", "scan_b", "predicted", "verified"];
 ///
 /// # Errors
 /// Those of `out`; [`io::ErrorKind::Interrupted`] where the monitor is cancelled.
-pub fn write_csv(
+pub fn write_overlaps_csv(
     out: &mut impl Write,
     similarity: &SimilarityMatrix,
     document: &Document,
@@ -77,11 +77,11 @@ pub fn ten_thousandths(overlap: f32) -> Option<u32> {
     (overlap.is_sign_positive() && digits < 1e5).then_some(digits as u32)
 }
 
-/// The predicted overlap of `n` scans from the file that [`write_csv`] made.
+/// The predicted overlap of `n` scans from the file that [`write_overlaps_csv`] made.
 ///
 /// # Errors
 /// [`Error::Read`], or [`Error::File`] for another file or one that lacks a pair.
-pub fn read_predicted(path: &Path, n: usize) -> Result<SimilarityMatrix> {
+pub fn read_predicted_overlaps(path: &Path, n: usize) -> Result<SimilarityMatrix> {
     let text = crate::files::read_text(path)?;
     let expected = || format!("'{}' and a line for every pair of {n} scans", HEAD.join(","));
     let refuse = |found: String| Error::file(path, found, expected(), "register again, or remove the file");
@@ -164,18 +164,18 @@ mod tests {
         let predicted =
             SimilarityMatrix::new(3, vec![0.0, 0.5, 0.25, 0.5, 0.0, 0.125, 0.25, 0.125, 0.0]).unwrap();
         let mut text = Vec::new();
-        write_csv(&mut text, &predicted, &document, &Silent).unwrap();
+        write_overlaps_csv(&mut text, &predicted, &document, &Silent).unwrap();
         let text = String::from_utf8(text).unwrap();
         assert_eq!(text, "scan_a,scan_b,predicted,verified\n0,1,0.5000,0.3750\n0,2,0.2500,\n1,2,0.1250,\n");
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("overlap.csv");
         std::fs::write(&path, &text).unwrap();
-        assert_eq!(read_predicted(&path, 3).unwrap(), predicted);
+        assert_eq!(read_predicted_overlaps(&path, 3).unwrap(), predicted);
         for (bad, n) in [(text.as_str(), 4), (text.as_str(), 2), ("a,b\n", 0), ("", 0)] {
             std::fs::write(&path, bad).unwrap();
-            assert!(read_predicted(&path, n).unwrap_err().to_string().contains("overlap.csv"));
+            assert!(read_predicted_overlaps(&path, n).unwrap_err().to_string().contains("overlap.csv"));
         }
         std::fs::write(&path, text.replace("0.25", "x")).unwrap();
-        assert!(read_predicted(&path, 3).unwrap_err().to_string().contains("line 3"));
+        assert!(read_predicted_overlaps(&path, 3).unwrap_err().to_string().contains("line 3"));
     }
 }

@@ -29,7 +29,7 @@ const UNKNOWN_ROTATION_DEG: f64 = 5.0;
 
 /// The scans of `component` and the edges between them, in the order of the input; `names[i]` is that of
 /// scan `i`. `registered` are the pairs of a global method, where there are any.
-pub fn of_component(
+pub fn pose_graph_of_component(
     names: &[&str],
     reconstruction: &Reconstruction,
     registered: Option<&PoseGraph>,

@@ -14,16 +14,16 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// Value of the `format` field.
-pub const FORMAT: &str = "scanweave-poses";
+pub const POSES_FORMAT: &str = "scanweave-poses";
 /// Version of the layout; raised whenever a reader of the old one would go wrong.
-pub const VERSION: u32 = 3;
+pub const POSES_VERSION: u32 = 3;
 
 /// The whole document.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Document {
-    /// Always [`FORMAT`].
+    /// Always [`POSES_FORMAT`].
     pub format: String,
-    /// [`VERSION`] of the layout.
+    /// [`POSES_VERSION`] of the layout.
     pub version: u32,
     /// Program and version that wrote it.
     pub generator: String,
@@ -123,8 +123,8 @@ impl Document {
             outcome: EntryOutcome::of(outcome, inlier_radius_m),
         });
         Self {
-            format: FORMAT.to_owned(),
-            version: VERSION,
+            format: POSES_FORMAT.to_owned(),
+            version: POSES_VERSION,
             generator: concat!("scanweave ", env!("CARGO_PKG_VERSION")).to_owned(),
             run: None,
             components: components(reconstruction),
@@ -147,11 +147,12 @@ impl Document {
     /// does not fit the others.
     pub fn load(path: &Path) -> Result<Self> {
         let text = crate::files::read_text(path)?;
-        let expected = format!("{FORMAT} of version {VERSION}, as `scanweave register` writes it");
+        let expected =
+            format!("{POSES_FORMAT} of version {POSES_VERSION}, as `scanweave register` writes it");
         let remedy = "name the output folder of a finished registration";
         let document: Self = serde_json::from_str(&text)
             .map_err(|e| Error::file(path, format!("text that does not fit ({e})"), &expected, remedy))?;
-        if document.format != FORMAT || document.version != VERSION {
+        if document.format != POSES_FORMAT || document.version != POSES_VERSION {
             let found = format!("{} of version {}", document.format, document.version);
             return Err(Error::file(path, found, expected, remedy));
         }

@@ -31,6 +31,6 @@ pub fn placed_scans(document: &Document, component: usize) -> Result<Vec<PlacedS
 }
 
 /// Names of all scans, placed or not.
-pub fn names(document: &Document) -> Vec<&str> {
+pub fn scan_names(document: &Document) -> Vec<&str> {
     document.scans.iter().map(|entry| entry.name.as_str()).collect()
 }

@@ -7,7 +7,7 @@ mod features;
 mod pose_graph;
 mod reconstruction;
 mod similarity;
-pub mod strays;
+pub(crate) mod strays;
 mod surface;
 mod truth;
 mod working_scale;
@@ -21,6 +21,7 @@ pub use reconstruction::{
     ScanEdge,
 };
 pub use similarity::SimilarityMatrix;
+pub use strays::{STRAY, middle_and_size};
 pub use surface::Surface;
 pub use truth::PairTruth;
 pub use working_scale::WorkingScale;

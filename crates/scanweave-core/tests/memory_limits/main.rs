@@ -7,8 +7,8 @@ mod files;
 
 use allocations::{Cost, cost_of};
 use files::*;
+use scanweave_core::Error;
 use scanweave_core::io::{self, ReadOptions, read_file};
-use scanweave_core::{Error, tensor_file};
 use std::path::Path;
 use std::time::Duration;
 use zip::CompressionMethod::{Deflated, Stored};
@@ -198,18 +198,14 @@ fn features_caches_and_checkpoints_take_no_more() {
     let json = r#"{"a":{"dtype":"F32","shape":[1000000000000],"data_offsets":[0,4000000000000]}}"#;
     let beyond = [&(json.len() as u64).to_le_bytes()[..], json.as_bytes(), &[0; 8]].concat();
     let beyond = write("b.safetensors", &beyond);
-    let load = |path: &Path| tensor_file::load::<String>(path, "a checkpoint").map(|_| ());
+    let load = |path: &Path| scanweave_core::files::load_arrays::<String>(path, "a checkpoint").map(|_| ());
     let keypoints = huge("keypoints", 3);
     let pairs = huge("pairs", 32);
     type Read<'a> = Box<dyn Fn() -> Result<(), Error> + 'a>;
     let cases: Vec<(&str, &Path, Read<'_>)> = vec![
-        (
-            "features, 10^12 keypoints",
-            &keypoints,
-            Box::new(|| io::features::read_npz(&keypoints).map(|_| ())),
-        ),
-        ("kept pairs, 10^12", &pairs, Box::new(|| io::pairs::read(&pairs, "").map(|_| ()))),
-        ("kept pairs, 1 GiB packed", &packed, Box::new(|| io::pairs::read(&packed, "").map(|_| ()))),
+        ("features, 10^12 keypoints", &keypoints, Box::new(|| io::read_features(&keypoints).map(|_| ()))),
+        ("kept pairs, 10^12", &pairs, Box::new(|| io::read_pairs(&pairs, "").map(|_| ()))),
+        ("kept pairs, 1 GiB packed", &packed, Box::new(|| io::read_pairs(&packed, "").map(|_| ()))),
         ("checkpoint, a description of 2^63 bytes", &endless, Box::new(|| load(&endless))),
         ("checkpoint, a tensor of 4 TB", &beyond, Box::new(|| load(&beyond))),
     ];

@@ -5,17 +5,17 @@ use crate::documents::{SCANS, SETTINGS, checksums};
 use crate::files::{self, gzip, npy, pcd, ply, ptx};
 use scanweave_core::descriptor::mini_spin_net;
 use scanweave_core::geometry::{Direction, Point, RigidMotion};
-use scanweave_core::io::{self, E57Scan, Held, PlyCloud, Summary, poses, trajectories};
+use scanweave_core::io::{self, E57Scan, Held, PlyCloud, Summary};
 use scanweave_core::nalgebra::{Matrix6, Vector3};
-use scanweave_core::result::poses::{Component, Document, FORMAT, VERSION};
-use scanweave_core::result::run::{Row, RunReport, ScanSize, StageTime};
+use scanweave_core::result::{Component, Document, POSES_FORMAT, POSES_VERSION};
+use scanweave_core::result::{Row, RunReport, ScanSize, StageTime};
 use scanweave_core::retrieval::{self, DataSummary, DescriptorTag, HeadWeights, NetVladConfig};
 use scanweave_core::scan::{
     DeclineReason, Descriptors, Features, NeighbourEvidence, Outcome, PairKey, PairRegistration, Placement,
     Scan, ScanId, WorkingScale,
 };
 use scanweave_core::synchronization::LitsWeights;
-use scanweave_core::{Config, PointCloud, Reconstruction, tensor_file};
+use scanweave_core::{Config, PointCloud, Reconstruction};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -212,31 +212,28 @@ impl Seeds<'_> {
     /// Poses in every format, each of which every reader of poses may be given.
     fn poses(&mut self) {
         let first = self.all.len();
-        self.written("initial-poses", |path| poses::write_trajectory(path, &placed()));
-        self.written("initial-poses", |path| poses::write_tum(path, &placed()));
-        self.written("initial-poses", |path| poses::write_kitti(path, &SCANS.map(|_| motion(1))));
-        let scans: Vec<trajectories::PlacedScan> = placed().into_iter().map(placed_scan).collect();
-        self.written("initial-poses", |path| trajectories::write_csv(path, &scans));
-        self.written("initial-poses", |path| trajectories::write_images(path, &scans));
-        self.written("initial-poses", |path| trajectories::write_tum(path, &scans, &SCANS));
-        let node = |scan: &trajectories::PlacedScan| io::pose_graphs::GraphNode {
+        self.written("initial-poses", |path| io::write_log_trajectory(path, &placed()));
+        self.written("initial-poses", |path| io::write_tum(path, &placed()));
+        self.written("initial-poses", |path| io::write_kitti(path, &SCANS.map(|_| motion(1))));
+        let scans: Vec<io::PlacedScan> = placed().into_iter().map(placed_scan).collect();
+        self.written("initial-poses", |path| io::write_csv_trajectory(path, &scans));
+        self.written("initial-poses", |path| io::write_images_trajectory(path, &scans));
+        self.written("initial-poses", |path| io::write_tum_trajectory(path, &scans, &SCANS));
+        let node = |scan: &io::PlacedScan| io::GraphNode {
             id: scan.id,
             name: scan.name.clone(),
             world_from_scan: scan.world_from_scan,
         };
-        let edge = io::pose_graphs::GraphEdge {
+        let edge = io::GraphEdge {
             i: 0,
             j: 1,
             i_from_j: motion(1),
             information: Matrix6::identity() * 400.0,
             uncertain: true,
         };
-        let graph = io::pose_graphs::PoseGraphFile {
-            nodes: scans.iter().map(node).collect(),
-            pivot: 0,
-            edges: vec![edge],
-        };
-        self.written("initial-poses", |path| io::pose_graphs::write_g2o(path, &graph));
+        let graph =
+            io::PoseGraphFile { nodes: scans.iter().map(node).collect(), pivot: 0, edges: vec![edge] };
+        self.written("initial-poses", |path| io::write_g2o(path, &graph));
         let matrices = || placed().into_iter().map(|(ScanId(i), pose)| (SCANS[i], rows(&pose)));
         let map: Vec<String> = matrices().map(|(name, rows)| format!("\"{name}.ply\": {rows:?}")).collect();
         self.add("initial-poses", format!("{{{}}}", map.join(",\n")));
@@ -244,12 +241,12 @@ impl Seeds<'_> {
         let lists: Vec<Seed> =
             self.all[first..].iter().map(|(_, bytes)| ("pose-lists", bytes.clone())).collect();
         self.all.extend(lists);
-        let info = |i: usize, j: usize| poses::InfoEntry { i, j, n: 3, information: Matrix6::identity() };
+        let info = |i: usize, j: usize| io::InfoEntry { i, j, n: 3, information: Matrix6::identity() };
         for document in ["pose-lists", "gt-info"] {
-            self.written(document, |path| poses::write_info(path, &[info(0, 1), info(1, 2)]));
+            self.written(document, |path| io::write_info(path, &[info(0, 1), info(1, 2)]));
         }
-        let log = |i: usize, j: usize| poses::LogEntry { i, j, n: 3, pose: motion(i) };
-        self.written("gt-log", |path| poses::write_log(path, &[log(0, 1), log(1, 2)]));
+        let log = |i: usize, j: usize| io::LogEntry { i, j, n: 3, pose: motion(i) };
+        self.written("gt-log", |path| io::write_log(path, &[log(0, 1), log(1, 2)]));
         let matrix = "1 0 0 0.5\n0 0 -1 2\n0 1 0 3\n0 0 0 1\n";
         self.add("frame-pose", matrix);
         self.add("pose-lists", format!("0 0 1\n{matrix}"));
@@ -262,8 +259,8 @@ impl Seeds<'_> {
         let document = document();
         self.add("poses-json", document.to_json());
         let bare = Document {
-            format: FORMAT.to_owned(),
-            version: VERSION,
+            format: POSES_FORMAT.to_owned(),
+            version: POSES_VERSION,
             components: vec![Component { pivot: Some(0), scans: vec![0, 1, 2] }],
             ..document
         };
@@ -283,7 +280,7 @@ impl Seeds<'_> {
         let points: Vec<Point> = values(4 * 3).chunks_exact(3).map(Point::from_slice).collect();
         let descriptors = Descriptors::new(5, values(4 * 5)).unwrap_or_else(|e| panic!("{e}"));
         let features = Features { keypoints: points, normals: Some(vec![Direction::z(); 4]), descriptors };
-        self.written("features", |path| io::features::write_npz(path, &features));
+        self.written("features", |path| io::write_features(path, &features));
         let bytes: Vec<u8> = values(12).into_iter().flat_map(f32::to_le_bytes).collect();
         let array = npy("'<f4'", "False", "(4, 3)", &bytes);
         self.add("features", checksums::archive(&[("keypoints.npy", &array), ("descriptors.npy", &array)]));
@@ -298,7 +295,7 @@ impl Seeds<'_> {
             ),
             (key(0, 1), (PairRegistration::default(), 0.0)),
         ]);
-        self.written("kept-pairs", |path| io::pairs::write(path, SETTINGS, &pairs));
+        self.written("kept-pairs", |path| io::write_pairs(path, SETTINGS, &pairs));
     }
 
     fn networks(&mut self) {
@@ -344,9 +341,9 @@ impl Seeds<'_> {
         };
         self.written("network", |path| network.save(path));
         self.add("lits", lits());
-        let array = tensor_file::Array::new(&[2], vec![0.5, 1.0]);
-        let arrays = tensor_file::Arrays::from([("weight".to_owned(), array)]);
-        self.written("network", |path| tensor_file::save(path, &network.meta, &arrays));
+        let array = scanweave_core::files::Array::new(&[2], vec![0.5, 1.0]);
+        let arrays = scanweave_core::files::Arrays::from([("weight".to_owned(), array)]);
+        self.written("network", |path| scanweave_core::files::save_arrays(path, &network.meta, &arrays));
     }
 }
 
@@ -355,9 +352,9 @@ fn rows(pose: &RigidMotion) -> [[f64; 4]; 4] {
     std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]))
 }
 
-fn placed_scan((id, world_from_scan): (ScanId, RigidMotion)) -> trajectories::PlacedScan {
+fn placed_scan((id, world_from_scan): (ScanId, RigidMotion)) -> io::PlacedScan {
     let name = SCANS[id.0].to_owned();
-    trajectories::PlacedScan {
+    io::PlacedScan {
         id,
         file: Some(format!("{name}.ply")),
         name,

@@ -55,7 +55,7 @@ impl Checkpoint {
     /// # Errors
     /// When the folder cannot be written.
     pub fn save(&self, path: &Path) -> Result<()> {
-        tensor_file::save(path, &self.meta, &self.weights.to_arrays())
+        tensor_file::save_arrays(path, &self.meta, &self.weights.to_arrays())
     }
 
     /// Reads a checkpoint.
@@ -72,7 +72,7 @@ impl Checkpoint {
     /// # Errors
     /// As [`load`](Self::load), but for reading.
     pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Self> {
-        let (meta, arrays): (Meta, _) = tensor_file::parse(path, bytes, EXPECTED)?;
+        let (meta, arrays): (Meta, _) = tensor_file::parse_arrays(path, bytes, EXPECTED)?;
         let broken = |found: String| {
             Error::file(path, found, EXPECTED, "use a file of `scanweave train descriptor` or import-weights")
         };
@@ -110,7 +110,7 @@ pub struct LoadedNetwork {
 impl LoadedNetwork {
     /// Folds the weights.
     pub fn new(weights: &Weights) -> Self {
-        let digest = tensor_file::digest(&weights.to_arrays());
+        let digest = tensor_file::digest_of_arrays(&weights.to_arrays());
         Self { network: Arc::new(Network::new(weights)), digest: digest.into() }
     }
 

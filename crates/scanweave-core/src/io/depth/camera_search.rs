@@ -1,7 +1,7 @@
 //! The calibration and the scale of depth that lie beside depth images.
 
 use super::frame::{Frame, Layout, SAME_TIME_S, name_of};
-use super::intrinsics::{Camera, Intrinsics, SIZED_EXTENSION, read_camera, small_text, units_per_m};
+use super::intrinsics::{Camera, CameraMatrix, SIZED_EXTENSION, read_camera, small_text, units_per_m};
 use crate::error::{Error, Result};
 use crate::io::scalar::counted;
 use crate::io::scan_file::Note;
@@ -62,7 +62,7 @@ const SCALE_FILES: [&str; 4] = ["depth_scale.txt", "depth-scale.txt", "depthscal
 /// # Errors
 /// [`Error::File`] naming the image when there is none; those of
 /// [`read_intrinsics`](super::read_intrinsics).
-pub fn find_intrinsics(image: &Path) -> Result<Intrinsics> {
+pub fn find_intrinsics(image: &Path) -> Result<CameraMatrix> {
     let camera = find_camera(image, &Frame::of(image), None)?;
     camera.intrinsics.ok_or_else(|| missing(image, Layout::Other))
 }

@@ -9,7 +9,7 @@ use std::path::Path;
 
 /// A depth image: distance along the optical axis, 0 and 65535 for no measurement.
 #[derive(Debug, Clone, PartialEq)]
-pub struct DepthImage {
+pub struct StoredDepth {
     /// Columns.
     pub width: usize,
     /// Rows.
@@ -55,7 +55,7 @@ pub(in crate::io) fn is_image(bytes: &[u8]) -> bool {
 /// # Errors
 /// [`Error::Read`]; [`Error::NotAScan`] for another pixel type; [`Error::File`] for a damaged image or
 /// a format that is not read.
-pub fn read_depth_png(path: impl AsRef<Path>) -> Result<DepthImage> {
+pub fn read_depth_png(path: impl AsRef<Path>) -> Result<StoredDepth> {
     let path = path.as_ref();
     let bytes = files::read(path)?;
     let limit = UnpackLimit::of_scan(&ReadOptions::default(), bytes.len() as u64);
@@ -63,7 +63,7 @@ pub fn read_depth_png(path: impl AsRef<Path>) -> Result<DepthImage> {
 }
 
 /// [`read_depth_png`] of the file's bytes.
-pub(super) fn decode(path: &Path, bytes: &[u8], limit: UnpackLimit) -> Result<DepthImage> {
+pub(super) fn decode(path: &Path, bytes: &[u8], limit: UnpackLimit) -> Result<StoredDepth> {
     let other = |found: &str| {
         let remedy =
             "convert it to a 16-bit greyscale PNG in millimetres, or in other whole units with --depth-scale";
@@ -88,7 +88,7 @@ fn not_depth(path: &Path, found: String) -> Error {
     Error::not_a_scan(path, found, EXPECTED, "give the depth image, not the colour image, saved with 16 bits")
 }
 
-fn decode_png(path: &Path, bytes: &[u8], limit: UnpackLimit) -> Result<DepthImage> {
+fn decode_png(path: &Path, bytes: &[u8], limit: UnpackLimit) -> Result<StoredDepth> {
     let bad = |why: String| damaged(path, "PNG", &why);
     if png_file::stated_bytes(bytes).map_err(bad)? > limit.bytes() {
         return Err(limit.exceeded(path, "pixels"));
@@ -100,13 +100,13 @@ fn decode_png(path: &Path, bytes: &[u8], limit: UnpackLimit) -> Result<DepthImag
         return Err(not_depth(path, found));
     }
     let (width, height, pixels) = png_file::pixels(&mut reader).map_err(bad)?;
-    Ok(DepthImage { width, height, values: big_endian(&pixels) })
+    Ok(StoredDepth { width, height, values: big_endian(&pixels) })
 }
 
 /// A binary PGM: `P5`, width, height, the largest value, one white space, then the rows. Values of two
 /// bytes are big-endian.
 /// <https://netpbm.sourceforge.net/doc/pgm.html>
-fn decode_pgm(path: &Path, bytes: &[u8]) -> Result<DepthImage> {
+fn decode_pgm(path: &Path, bytes: &[u8]) -> Result<StoredDepth> {
     let bad = |why: &str| damaged(path, "PGM", why);
     let mut at = 2;
     let mut number = || -> Option<usize> {
@@ -132,7 +132,7 @@ fn decode_pgm(path: &Path, bytes: &[u8]) -> Result<DepthImage> {
     let rows = bytes.get(at + 1..).unwrap_or_default();
     let size = width.checked_mul(height).and_then(|n| n.checked_mul(2)).filter(|n| *n <= rows.len());
     match size {
-        Some(size) if size > 0 => Ok(DepthImage { width, height, values: big_endian(&rows[..size]) }),
+        Some(size) if size > 0 => Ok(StoredDepth { width, height, values: big_endian(&rows[..size]) }),
         _ => Err(bad(&format!("{} bytes for {width}x{height} pixels of two bytes", rows.len()))),
     }
 }

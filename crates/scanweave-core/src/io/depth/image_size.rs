@@ -1,6 +1,6 @@
 //! Intrinsics for images of another size than theirs.
 
-use super::intrinsics::{Camera, EXPECTED, Intrinsics, REMEDY};
+use super::intrinsics::{Camera, CameraMatrix, EXPECTED, REMEDY};
 use crate::error::{Error, Result};
 use crate::io::scan_file::Note;
 
@@ -17,7 +17,7 @@ impl Camera {
     ///
     /// # Errors
     /// [`Error::File`] where the file has none, or states a size of another shape.
-    pub(super) fn for_images(&self, width: usize, height: usize) -> Result<(Intrinsics, Vec<Note>)> {
+    pub(super) fn for_images(&self, width: usize, height: usize) -> Result<(CameraMatrix, Vec<Note>)> {
         let mut k = self
             .intrinsics
             .ok_or_else(|| Error::file(&self.path, "a calibration without intrinsics", EXPECTED, REMEDY))?;
@@ -66,13 +66,13 @@ impl Camera {
 /// The intrinsics of images of `s` times the size.
 ///
 /// Pixel centres are at whole numbers, hence `cx' + ½ = s (cx + ½)`.
-fn scaled(k: &Intrinsics, [sx, sy]: [f64; 2]) -> Intrinsics {
-    Intrinsics { fx: sx * k.fx, fy: sy * k.fy, cx: sx * (k.cx + 0.5) - 0.5, cy: sy * (k.cy + 0.5) - 0.5 }
+fn scaled(k: &CameraMatrix, [sx, sy]: [f64; 2]) -> CameraMatrix {
+    CameraMatrix { fx: sx * k.fx, fy: sy * k.fy, cx: sx * (k.cx + 0.5) - 0.5, cy: sy * (k.cy + 0.5) - 0.5 }
 }
 
 /// How many times as large the images are that the intrinsics are for, in halves, where the principal point
 /// is too far out for depth images of this size and near the middle of larger ones of their shape.
-fn larger_images(k: &Intrinsics, size: [f64; 2]) -> Option<f64> {
+fn larger_images(k: &CameraMatrix, size: [f64; 2]) -> Option<f64> {
     let twice = [(2.0 * k.cx + 1.0) / size[0], (2.0 * k.cy + 1.0) / size[1]];
     let halves = twice.map(|times| (2.0 * times).round() / 2.0);
     let near = |at: usize| (twice[at] / halves[at] - 1.0).abs() < OFF_MIDDLE;

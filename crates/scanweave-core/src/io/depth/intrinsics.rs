@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 /// Pinhole camera without distortion, pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Intrinsics {
+pub struct CameraMatrix {
     /// Focal length along the columns.
     pub fx: f64,
     /// Focal length along the rows.
@@ -26,7 +26,7 @@ pub(super) struct Camera {
     /// The file.
     pub path: PathBuf,
     /// `None` where it says other things only, such as the scale of depth.
-    pub intrinsics: Option<Intrinsics>,
+    pub intrinsics: Option<CameraMatrix>,
     /// Columns and rows of the images that the intrinsics are for.
     pub size: Option<[f64; 2]>,
     /// Units of depth in a metre.
@@ -119,7 +119,7 @@ const DISTORTION: [&str; 11] = [
 /// # Errors
 /// [`Error::Read`], or [`Error::File`] when the numbers are none of these, the matrix is skewed, or a focal
 /// length is not positive.
-pub fn read_intrinsics(path: impl AsRef<Path>) -> Result<Intrinsics> {
+pub fn read_intrinsics(path: impl AsRef<Path>) -> Result<CameraMatrix> {
     let path = path.as_ref();
     let camera = read_camera(path)?;
     camera.intrinsics.ok_or_else(|| Error::file(path, "a calibration without intrinsics", EXPECTED, REMEDY))
@@ -211,7 +211,7 @@ pub(super) fn units_per_m(path: &Path, scale: f64) -> Result<f64> {
 }
 
 /// Intrinsics from their numbers alone, and whether they come with a distortion.
-fn of_numbers(path: &Path, numbers: &[f64]) -> Result<(Intrinsics, bool)> {
+fn of_numbers(path: &Path, numbers: &[f64]) -> Result<(CameraMatrix, bool)> {
     let bad = |found: String| Error::file(path, found, EXPECTED, REMEDY);
     let (intrinsics, distortion): (_, &[f64]) = match *numbers {
         // TUM and OpenCV: 1, 4 or 5 coefficients of distortion. Nine numbers are those if the first two,
@@ -219,7 +219,7 @@ fn of_numbers(path: &Path, numbers: &[f64]) -> Result<(Intrinsics, bool)> {
         [fx, fy, cx, cy, ref d @ ..]
             if matches!(d.len(), 0 | 1 | 4) || (d.len() == 5 && fy.abs() > 0.5 * fx.abs()) =>
         {
-            (Intrinsics { fx, fy, cx, cy }, d)
+            (CameraMatrix { fx, fy, cx, cy }, d)
         }
         [a, b, c, d, e, f, g, h, i] => (of_matrix([a, b, c, d, e, f, g, h, i]).map_err(bad)?, &[]),
         // A 4×4 matrix is a 3×3 one in its corner.
@@ -231,7 +231,7 @@ fn of_numbers(path: &Path, numbers: &[f64]) -> Result<(Intrinsics, bool)> {
         }
         _ => return Err(bad(format!("{} numbers", numbers.len()))),
     };
-    let Intrinsics { fx, fy, cx, cy } = intrinsics;
+    let CameraMatrix { fx, fy, cx, cy } = intrinsics;
     if !(fx > 0.0 && fy > 0.0 && [fx, fy, cx, cy].iter().all(|v| v.is_finite())) {
         return Err(bad(format!("fx {fx} fy {fy} cx {cx} cy {cy}")));
     }
@@ -239,12 +239,12 @@ fn of_numbers(path: &Path, numbers: &[f64]) -> Result<(Intrinsics, bool)> {
 }
 
 /// A camera matrix by rows, or by columns as Open3D writes it: where the zeros stand tells which.
-fn of_matrix([fx, b, c, d, fy, f, g, h, i]: [f64; 9]) -> Result<Intrinsics, String> {
+fn of_matrix([fx, b, c, d, fy, f, g, h, i]: [f64; 9]) -> Result<CameraMatrix, String> {
     let zero = |values: &[f64]| values.iter().all(|v| v.abs() <= 1e-9);
     if zero(&[b, d, g, h, i - 1.0]) {
-        Ok(Intrinsics { fx, fy, cx: c, cy: f })
+        Ok(CameraMatrix { fx, fy, cx: c, cy: f })
     } else if zero(&[b, d, c, f, i - 1.0]) {
-        Ok(Intrinsics { fx, fy, cx: g, cy: h })
+        Ok(CameraMatrix { fx, fy, cx: g, cy: h })
     } else {
         Err(format!("a matrix [{fx} {b} {c}; {d} {fy} {f}; {g} {h} {i}]"))
     }

@@ -27,8 +27,8 @@ use std::path::Path;
 
 pub use camera_search::{UNITS_PER_M, find_intrinsics};
 pub(super) use image::is_image;
-pub use image::{DepthImage, read_depth_png};
-pub use intrinsics::{Intrinsics, read_intrinsics};
+pub use image::{StoredDepth, read_depth_png};
+pub use intrinsics::{CameraMatrix, read_intrinsics};
 pub(super) use names::{depth_images, is_depth};
 
 /// Medians between which depth in an assumed unit is plausible, metres: depth cameras see from some
@@ -77,7 +77,7 @@ pub fn read_frame(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(scan
 }
 
 /// A warning where an assumed unit gives depth that no depth camera sees.
-fn implausible(image: &DepthImage, units: DepthUnits) -> Option<Note> {
+fn implausible(image: &StoredDepth, units: DepthUnits) -> Option<Note> {
     let mut measured: Vec<u16> = image.values.iter().copied().filter(|d| is_measured(*d)).collect();
     if !units.assumed || measured.is_empty() {
         return None;
@@ -99,7 +99,7 @@ fn is_measured(depth: u16) -> bool {
     !matches!(depth, 0 | u16::MAX)
 }
 
-impl DepthImage {
+impl StoredDepth {
     /// Back-projects every measured pixel: z = d/depth_scale, x = (u−cx)·z/fx, y = (v−cy)·z/fy,
     /// with pixel centres at whole u, v. The camera, at the origin, is the viewpoint.
     ///
@@ -108,18 +108,18 @@ impl DepthImage {
     ///
     /// # Errors
     /// [`Error::Setting`] when the scale or a focal length is not positive.
-    pub fn to_cloud(&self, intrinsics: &Intrinsics, depth_scale: f32) -> Result<PointCloud> {
+    pub fn to_cloud(&self, intrinsics: &CameraMatrix, depth_scale: f32) -> Result<PointCloud> {
         self.colored_cloud(intrinsics, f64::from(depth_scale), None)
     }
 
     /// [`to_cloud`](Self::to_cloud) with a colour a pixel, where there are as many.
     fn colored_cloud(
         &self,
-        intrinsics: &Intrinsics,
+        intrinsics: &CameraMatrix,
         units_per_m: f64,
         colors: Option<&[[u8; 3]]>,
     ) -> Result<PointCloud> {
-        let Intrinsics { fx, fy, cx, cy } = *intrinsics;
+        let CameraMatrix { fx, fy, cx, cy } = *intrinsics;
         for (key, value) in [("depth scale", units_per_m), ("fx", fx), ("fy", fy)] {
             if !(value > 0.0 && value.is_finite()) {
                 return Err(Error::setting(
@@ -146,8 +146,8 @@ impl DepthImage {
     }
 
     /// The image in metres with its camera; `depth_scale` is in units a metre.
-    pub fn to_metric(&self, intrinsics: &Intrinsics, depth_scale: f32) -> scan::DepthImage {
-        let Intrinsics { fx, fy, cx, cy } = *intrinsics;
+    pub fn to_metric(&self, intrinsics: &CameraMatrix, depth_scale: f32) -> scan::DepthImage {
+        let CameraMatrix { fx, fy, cx, cy } = *intrinsics;
         let metres = |d: &u16| if is_measured(*d) { f32::from(*d) / depth_scale } else { 0.0 };
         scan::DepthImage {
             intrinsics: scan::Intrinsics { width: self.width, height: self.height, fx, fy, cx, cy },

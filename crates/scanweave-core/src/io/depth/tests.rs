@@ -138,7 +138,7 @@ fn intrinsics_are_found_up_to_two_folders_up_and_other_files_are_passed_over() {
             (place, b"fx_depth = 8\nfy_depth = 9\nmx_depth = 1\nmy_depth = 2\n"),
         ]);
         let found = find_intrinsics(&dir.path().join("s/depth/1.png")).unwrap();
-        assert_eq!(found, Intrinsics { fx: 8.0, fy: 9.0, cx: 1.0, cy: 2.0 }, "{place}");
+        assert_eq!(found, CameraMatrix { fx: 8.0, fy: 9.0, cx: 1.0, cy: 2.0 }, "{place}");
     }
     let dir = folder(&[("a/b/1.png", &small()), ("K.txt", b"8 9 1 2")]);
     let error = find_intrinsics(&dir.path().join("a/b/1.png")).unwrap_err().to_string();

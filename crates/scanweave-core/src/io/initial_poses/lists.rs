@@ -4,7 +4,7 @@ use super::{Entry, Poses};
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::io::poses::{self, bad_line, lines, motion_from_quaternion, numbers, read_text};
-use crate::io::trajectories::names_file;
+use crate::io::trajectories::trajectory_names_file;
 use std::path::Path;
 
 /// A Redwood trajectory.
@@ -37,7 +37,7 @@ pub(super) fn read_tum(path: &Path) -> Result<Poses> {
 /// KITTI, with the names of the lines' scans where they lie beside it.
 pub(super) fn read_kitti(path: &Path) -> Result<Poses> {
     let poses = poses::read_kitti(path)?.value;
-    let beside = names_file(path);
+    let beside = trajectory_names_file(path);
     if !beside.is_file() {
         return Ok(Poses::Ordered(poses));
     }

@@ -1,31 +1,4 @@
 //! Rough poses of scans from one file, in any of the formats that poses come in.
-//!
-//! The format is told by the content:
-//!
-//! | Content | Which scan a pose belongs to |
-//! |---|---|
-//! | table with a header line that has `name` (or `file`), then `tx,ty,tz,qx,qy,qz,qw` or 12 or 16 further columns, a matrix row by row | by name |
-//! | `poses.json` of this program: its first component | by name |
-//! | other JSON: an object from names to matrices, nested or row by row | by name |
-//! | COLMAP `images.txt`: `scan_from_world` | by name |
-//! | `PoseGraph` JSON of Open3D | by the `name` in its nodes, else by order, one a scan |
-//! | TUM: 8 numbers a line | by the timestamp |
-//! | Redwood `.log` trajectory, g2o vertices | by the number |
-//! | KITTI: 12 or 16 numbers a line | by the names in `<stem>_names.txt` beside it, else by order, one a scan |
-//!
-//! *By name*: the name of the scan, its file as the user named it, the file's name, or that without its
-//! extension; the first of these that fits.
-//!
-//! *By the timestamp*: the number at the end of the scan's name, if the names of all scans end in
-//! different numbers and every timestamp is one of them. Else, if all timestamps are whole numbers
-//! below the number of scans, the scan's place in the input, from 0. Else by order, one a scan.
-//!
-//! *By the number*: the number at the end of the scan's name, if the names of all scans end in different
-//! numbers and every entry is one of them; or the scan's place in the input, from 0. A file that
-//! could be read both ways, with different outcomes, is refused.
-//!
-//! Poses are `world_from_scan` but for COLMAP's. Rotations that are rounded are repaired. A pose that
-//! belongs to no scan is an error, and so are two of one scan; scans without a pose are none.
 
 mod json;
 mod lists;
@@ -60,12 +33,39 @@ struct Entry<K> {
 }
 
 /// Reads the rough pose of every scan; `names[i]` and `files[i]` are those of scan `i`, whose pose is
-/// at `i` of the result. See the [module](self) for formats and for which scan a pose belongs to.
+/// at `i` of the result.
+///
+/// The format is told by the content:
+///
+/// | Content | Which scan a pose belongs to |
+/// |---|---|
+/// | table with a header line that has `name` (or `file`), then `tx,ty,tz,qx,qy,qz,qw` or 12 or 16 further columns, a matrix row by row | by name |
+/// | `poses.json` of this program: its first component | by name |
+/// | other JSON: an object from names to matrices, nested or row by row | by name |
+/// | COLMAP `images.txt`: `scan_from_world` | by name |
+/// | `PoseGraph` JSON of Open3D | by the `name` in its nodes, else by order, one a scan |
+/// | TUM: 8 numbers a line | by the timestamp |
+/// | Redwood `.log` trajectory, g2o vertices | by the number |
+/// | KITTI: 12 or 16 numbers a line | by the names in `<stem>_names.txt` beside it, else by order, one a scan |
+///
+/// *By name*: the name of the scan, its file as the user named it, the file's name, or that without its
+/// extension; the first of these that fits.
+///
+/// *By the timestamp*: the number at the end of the scan's name, if the names of all scans end in
+/// different numbers and every timestamp is one of them. Else, if all timestamps are whole numbers
+/// below the number of scans, the scan's place in the input, from 0. Else by order, one a scan.
+///
+/// *By the number*: the number at the end of the scan's name, if the names of all scans end in different
+/// numbers and every entry is one of them; or the scan's place in the input, from 0. A file that
+/// could be read both ways, with different outcomes, is refused.
+///
+/// Poses are `world_from_scan` but for COLMAP's. Rotations that are rounded are repaired. A pose that
+/// belongs to no scan is an error, and so are two of one scan; scans without a pose are none.
 ///
 /// # Errors
 /// [`Error::Read`]; [`Error::File`] for content of no known format, a damaged line, a pose that is no
 /// rigid motion, that belongs to no scan or to several, and for two poses of one scan.
-pub fn read(
+pub fn read_initial_poses(
     path: impl AsRef<Path>,
     names: &[String],
     files: &[Option<PathBuf>],

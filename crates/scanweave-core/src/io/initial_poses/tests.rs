@@ -1,7 +1,9 @@
 use super::*;
-use crate::io::pose_graphs::{GraphEdge, GraphNode, PoseGraphFile, write_g2o, write_open3d};
-use crate::io::poses::write_trajectory;
-use crate::io::trajectories::{PlacedScan, write_csv, write_images, write_kitti, write_tum};
+use crate::io::pose_graphs::{GraphEdge, GraphNode, PoseGraphFile, write_g2o, write_open3d_pose_graph};
+use crate::io::poses::write_log_trajectory;
+use crate::io::trajectories::{
+    PlacedScan, write_csv_trajectory, write_images_trajectory, write_kitti_trajectory, write_tum_trajectory,
+};
 use crate::scan::ScanId;
 use nalgebra::{Matrix4, Matrix6, Vector3};
 use tempfile::TempDir;
@@ -19,7 +21,7 @@ fn read_text_as(file: &str, text: &str, names: &[&str]) -> Outcome {
 fn read_for(path: &Path, names: &[&str]) -> Outcome {
     let files: Vec<Option<PathBuf>> = names.iter().map(|n| Some(format!("in/{n}.ply").into())).collect();
     let names: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
-    read(path, &names, &files)
+    read_initial_poses(path, &names, &files)
 }
 
 fn said(outcome: Outcome) -> String {
@@ -267,17 +269,17 @@ fn what_is_written_is_read_back_in_every_format() {
     type Write<'a> = (&'a str, Box<dyn Fn(&Path, &[PlacedScan]) + 'a>);
     for names in [["a", "b, \"c\"", "d e", "f;g"], ["s1305.5", "s7", "s10", "s08"]] {
         let formats: [Write<'_>; 7] = [
-            ("tum", Box::new(|p, s| write_tum(p, s, &names).unwrap())),
-            ("kitti", Box::new(|p, s| write_kitti(p, s).unwrap())),
-            ("csv", Box::new(|p, s| write_csv(p, s).unwrap())),
-            ("colmap", Box::new(|p, s| write_images(p, s).unwrap())),
+            ("tum", Box::new(|p, s| write_tum_trajectory(p, s, &names).unwrap())),
+            ("kitti", Box::new(|p, s| write_kitti_trajectory(p, s).unwrap())),
+            ("csv", Box::new(|p, s| write_csv_trajectory(p, s).unwrap())),
+            ("colmap", Box::new(|p, s| write_images_trajectory(p, s).unwrap())),
             ("g2o", Box::new(|p, s| write_g2o(p, &as_graph(s)).unwrap())),
-            ("open3d", Box::new(|p, s| write_open3d(p, &as_graph(s)).unwrap())),
+            ("open3d", Box::new(|p, s| write_open3d_pose_graph(p, &as_graph(s)).unwrap())),
             (
                 "log",
                 Box::new(|p, s| {
                     let poses: Vec<_> = s.iter().map(|s| (s.id, s.world_from_scan)).collect();
-                    write_trajectory(p, &poses).unwrap();
+                    write_log_trajectory(p, &poses).unwrap();
                 }),
             ),
         ];

@@ -35,7 +35,7 @@ fn placed(
 
 fn graph(placements: Vec<Placement>) -> PoseGraphFile {
     let outcomes = placements.into_iter().map(Outcome::Placed).collect();
-    of_component(&NAMES, &Reconstruction { outcomes }, None, 0, RADIUS_M)
+    pose_graph_of_component(&NAMES, &Reconstruction { outcomes }, None, 0, RADIUS_M)
 }
 
 fn assert_near(found: &Matrix6<f64>, expected: &Matrix6<f64>) {
@@ -131,7 +131,7 @@ fn touching_scans_are_joined_once_as_uncertain_and_the_unknown_has_wide_deviatio
         p.parent = p.parent.map(up);
         p.neighbours.iter_mut().for_each(|n| n.scan = up(n.scan));
     }
-    let graph = of_component(&NAMES, &Reconstruction { outcomes }, None, 0, RADIUS_M);
+    let graph = pose_graph_of_component(&NAMES, &Reconstruction { outcomes }, None, 0, RADIUS_M);
     let ids: Vec<(usize, &str)> = graph.nodes.iter().map(|n| (n.id.0, n.name.as_str())).collect();
     assert_eq!(ids, [(0, "a"), (2, "c"), (3, "d")]);
     let mut edges: Vec<_> = graph.edges.iter().map(|e| (e.i.min(e.j), e.i.max(e.j), e.uncertain)).collect();
@@ -167,7 +167,7 @@ fn registered_pairs_are_the_edges_of_a_global_method() {
         reused_seconds: 0.0,
     };
     let reconstruction = Reconstruction { outcomes: outcomes.map(Outcome::Placed).into() };
-    let graph = of_component(&NAMES, &reconstruction, Some(&registered), 0, RADIUS_M);
+    let graph = pose_graph_of_component(&NAMES, &reconstruction, Some(&registered), 0, RADIUS_M);
     let edges: Vec<_> =
         graph.edges.iter().map(|e| (e.i, e.j, e.i_from_j.translation.vector.x, e.uncertain)).collect();
     assert_eq!(edges, [(0, 1, 1.0, true), (0, 2, 2.5, true), (1, 2, 1.0, true)]);

@@ -10,8 +10,8 @@ pub use place::Place;
 use checksums::{page_sums, png_sums, zipped};
 use properties::{check_features, check_file, check_pose, finite};
 use scanweave_core::descriptor::mini_spin_net;
-use scanweave_core::io::{self, ReadOptions, dataset, depth, features, initial_poses, poses, read_file};
-use scanweave_core::result::{overlaps, poses::Document as PosesJson, run::RunReport};
+use scanweave_core::io::{self, ReadOptions, read_file};
+use scanweave_core::result::{self, Document as PosesJson, RunReport};
 use scanweave_core::scan::Outcome;
 use scanweave_core::synchronization::LitsWeights;
 use scanweave_core::{Config, PointCloud, config::Layers, retrieval};
@@ -118,7 +118,7 @@ pub const DOCUMENTS: &[Document] = &[
     other("features", read_features),
     other("features-array", read_keypoint_array),
     other("keypoints-text", read_keypoint_text),
-    other("kept-pairs", |place, bytes| io::pairs::read(&place.put("pairs.npz", bytes), SETTINGS).is_ok()),
+    other("kept-pairs", |place, bytes| io::read_pairs(&place.put("pairs.npz", bytes), SETTINGS).is_ok()),
     other("head", |_, bytes| retrieval::Checkpoint::from_bytes(Path::new("head"), bytes).is_ok()),
     other("network", read_network),
     other("lits", |place, bytes| LitsWeights::load(&place.put("lits.safetensors", bytes)).is_ok()),
@@ -153,7 +153,7 @@ fn read_columns(place: &Place, bytes: &[u8]) -> bool {
 fn read_depth(place: &Place, bytes: &[u8]) -> bool {
     place.put("K.txt", b"5 5 4 3");
     let path = place.put("frame-000000.depth.png", bytes);
-    if let Ok((frame, _)) = depth::read_frame(&path, &options()) {
+    if let Ok((frame, _)) = io::read_frame(&path, &options()) {
         assert_eq!(
             frame.depth_m.len(),
             frame.intrinsics.width * frame.intrinsics.height,
@@ -178,7 +178,7 @@ fn read_color(place: &Place, bytes: &[u8]) -> bool {
 fn read_intrinsics(place: &Place, bytes: &[u8]) -> bool {
     let read = ["txt", "json", "yaml", "pincam", "csv"].map(|extension| {
         let path = place.put(&format!("camera.{extension}"), bytes);
-        let Ok(depth::Intrinsics { fx, fy, cx, cy }) = depth::read_intrinsics(&path) else { return false };
+        let Ok(io::CameraMatrix { fx, fy, cx, cy }) = io::read_intrinsics(&path) else { return false };
         assert!(finite(&[fx, fy, cx, cy]) && fx > 0.0 && fy > 0.0, "intrinsics {fx} {fy} {cx} {cy}");
         let image = place.put("depth.pgm", DEPTH);
         check_file(&image, &ReadOptions { intrinsics: Some(path), ..options() })
@@ -214,7 +214,7 @@ pub const SCANS: [&str; 4] = ["scan_0", "scan_1", "scan_2", "scan_3"];
 fn initial(place: &Place, path: &Path) -> bool {
     let names = SCANS.map(str::to_owned);
     let files = SCANS.map(|name| Some(place.path(&format!("{name}.ply"))));
-    let Ok(read) = initial_poses::read(path, &names, &files) else { return false };
+    let Ok(read) = io::read_initial_poses(path, &names, &files) else { return false };
     assert_eq!(read.len(), SCANS.len(), "poses of scans");
     read.iter().flatten().for_each(check_pose);
     true
@@ -227,14 +227,14 @@ fn read_initial_poses(place: &Place, bytes: &[u8]) -> bool {
 /// The names beside poses in the format of KITTI.
 fn read_pose_names(place: &Place, bytes: &[u8]) -> bool {
     let path = place.put("poses.kitti", &b"1 0 0 0 0 1 0 0 0 0 1 0\n".repeat(SCANS.len()));
-    let beside = io::trajectories::names_file(&path);
+    let beside = io::trajectory_names_file(&path);
     std::fs::write(beside, bytes).unwrap_or_else(|e| panic!("{e}"));
     initial(place, &path)
 }
 
 fn read_pose_lists(place: &Place, bytes: &[u8]) -> bool {
     let path = &place.put("poses.txt", bytes);
-    let info = poses::read_info(path).inspect(|all| {
+    let info = io::read_info(path).inspect(|all| {
         assert!(all.iter().all(|e| finite(e.information.as_slice())), "an information that is not finite");
     });
     let overlaps = io::read_overlaps(path).inspect(|all| {
@@ -243,11 +243,11 @@ fn read_pose_lists(place: &Place, bytes: &[u8]) -> bool {
     [
         info.is_ok(),
         overlaps.is_ok(),
-        poses::read_log(path).map(|all| all.value.iter().for_each(|e| check_pose(&e.pose))).is_ok(),
-        poses::read_matrix(path).map(|one| check_pose(&one.value)).is_ok(),
-        poses::read_kitti(path).map(|all| all.value.iter().for_each(check_pose)).is_ok(),
-        poses::read_tum(path).map(|all| all.value.iter().for_each(|e| check_pose(&e.1))).is_ok(),
-        poses::read_conf(path).map(|all| all.value.iter().for_each(|e| check_pose(&e.1))).is_ok(),
+        io::read_log(path).map(|all| all.value.iter().for_each(|e| check_pose(&e.pose))).is_ok(),
+        io::read_matrix(path).map(|one| check_pose(&one.value)).is_ok(),
+        io::read_kitti(path).map(|all| all.value.iter().for_each(check_pose)).is_ok(),
+        io::read_tum(path).map(|all| all.value.iter().for_each(|e| check_pose(&e.1))).is_ok(),
+        io::read_conf(path).map(|all| all.value.iter().for_each(|e| check_pose(&e.1))).is_ok(),
     ]
     .contains(&true)
 }
@@ -257,7 +257,7 @@ fn read_truth(place: &Place, bytes: &[u8]) -> bool {
     for name in SCANS {
         place.put(&format!("scans/{name}.ply"), b"ply\n");
     }
-    let Ok(scene) = dataset::read_scene(place.root()) else { return false };
+    let Ok(scene) = io::read_scene(place.root()) else { return false };
     scene.world_from_scan.iter().flat_map(|poses| &poses.value).for_each(check_pose);
     true
 }
@@ -266,7 +266,7 @@ const GT_LOG: &[u8] =
     b"0 1 3\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n1 2 3\n1 0 0 1\n0 1 0 2\n0 0 1 3\n0 0 0 1\n";
 
 fn benchmark(place: &Place) -> bool {
-    let Ok(read) = dataset::read_benchmark(place.root()) else { return false };
+    let Ok(read) = io::read_benchmark(place.root()) else { return false };
     for pair in &read.pairs {
         check_pose(&pair.i_from_j);
         assert!(pair.i.0 < read.scans && pair.j.0 < read.scans, "a pair of scans that are not there");
@@ -309,7 +309,9 @@ fn read_report_json(place: &Place, bytes: &[u8]) -> bool {
 
 fn read_overlap_csv(place: &Place, bytes: &[u8]) -> bool {
     let n = SCANS.len();
-    let Ok(matrix) = overlaps::read_predicted(&place.put("overlap.csv", bytes), n) else { return false };
+    let Ok(matrix) = result::read_predicted_overlaps(&place.put("overlap.csv", bytes), n) else {
+        return false;
+    };
     assert_eq!(matrix.len(), n, "scans of a similarity");
     assert!((0..n).all(|i| matrix.row(i).iter().all(|v| v.is_finite())), "a similarity that is not finite");
     true
@@ -326,8 +328,8 @@ fn read_merged(place: &Place, bytes: &[u8]) -> bool {
 
 fn read_features(place: &Place, bytes: &[u8]) -> bool {
     let path = place.put("features.npz", bytes);
-    let _ = features::holds_features(&path);
-    features::read_npz(&path).map(|read| check_features(&read)).is_ok()
+    let _ = io::holds_features(&path);
+    io::read_features(&path).map(|read| check_features(&read)).is_ok()
 }
 
 /// One array of NumPy as keypoints and as descriptors, in an archive and in the folders of SGHR.
@@ -336,7 +338,7 @@ fn read_keypoint_array(place: &Place, bytes: &[u8]) -> bool {
     let archived = read_features(place, &archive);
     place.put("Keypoints/cloud_bin_0Keypoints.npy", bytes);
     place.put("a_desc/0.npy", bytes);
-    let read = features::read_sghr(place.root(), "a", 0, &a_cloud());
+    let read = io::read_sghr_features(place.root(), "a", 0, &a_cloud());
     read.map(|read| check_features(&read)).is_ok() || archived
 }
 
@@ -344,7 +346,7 @@ fn read_keypoint_text(place: &Place, bytes: &[u8]) -> bool {
     place.put("Keypoints/cloud_bin_0Keypoints.txt", bytes);
     let array = b"\x93NUMPY\x01\0\x3c\0{'descr': '<f4', 'fortran_order': False, 'shape': (3, 1), }";
     place.put("a_desc/0.npy", &[&array[..], b"\n", &1f32.to_le_bytes().repeat(3)].concat());
-    features::read_sghr(place.root(), "a", 0, &a_cloud()).map(|read| check_features(&read)).is_ok()
+    io::read_sghr_features(place.root(), "a", 0, &a_cloud()).map(|read| check_features(&read)).is_ok()
 }
 
 fn a_cloud() -> PointCloud {

@@ -1,7 +1,7 @@
 use super::*;
 use std::fs;
 
-const EXPECTED: Intrinsics = Intrinsics { fx: 585.0, fy: 586.0, cx: 320.0, cy: 240.5 };
+const EXPECTED: CameraMatrix = CameraMatrix { fx: 585.0, fy: 586.0, cx: 320.0, cy: 240.5 };
 
 fn camera(text: &str) -> Result<Camera> {
     let dir = tempfile::tempdir().unwrap();
