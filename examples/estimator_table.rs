@@ -35,7 +35,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ("RANSAC, 1000 triples", EstimatorConfig::Ransac(RansacConfig::default())),
         (
             "RANSAC, 10000 triples",
-            EstimatorConfig::Ransac(RansacConfig { hypotheses: 10_000, ..RansacConfig::default() }),
+            EstimatorConfig::Ransac({
+                let mut changed = RansacConfig::default();
+                changed.hypotheses = 10_000;
+                changed
+            }),
         ),
     ];
     println!("{count} matches, {trials} trials: success %, ms a pair");

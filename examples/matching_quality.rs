@@ -205,8 +205,10 @@ fn features_of(
         Source::Fpfh(scale) => {
             let scan = Scan { id, cloud: io::read_cloud(cloud)?, ..Scan::default() };
             let surface = scanweave::preprocessing::thin(&scan.cloud, scale);
-            let keypoints = KeypointConfig { count };
-            let config = DescriptorConfig { kind: DescriptorKind::Fpfh, keypoints, ..Default::default() };
+            let keypoints = KeypointConfig::new(count);
+            let mut config = DescriptorConfig::default();
+            config.kind = DescriptorKind::Fpfh;
+            config.keypoints = keypoints;
             Ok(descriptor::describe(&scan, &surface, scale, &config, seed)?)
         }
     }

@@ -65,14 +65,14 @@ fn verification() -> &'static SurfaceVerification {
 fn strategy(config: &mut Config) -> &mut AgglomerativeConfig {
     match &mut config.registration.strategy {
         Strategy::Agglomerative(strategy) => strategy,
-        Strategy::Incremental(_) => unreachable!("the default is agglomerative"),
+        _ => unreachable!("the default is agglomerative"),
     }
 }
 
 fn surfaces(config: &mut Config) -> &mut SurfaceVerification {
     match &mut config.registration.verification {
         VerificationConfig::Surfaces(settings) => settings,
-        VerificationConfig::InlierCount(_) => unreachable!("the default compares surfaces"),
+        _ => unreachable!("the default compares surfaces"),
     }
 }
 
@@ -361,8 +361,12 @@ fn a_pose_that_reliable_viewpoints_see_through_is_left_undecided_whatever_matche
     with_agglomeration(|verifier, pairs| {
         let member_evidence = pairs.iter().flat_map(|p| &p.hypotheses).map(|h| h.evidence);
         let best = member_evidence.max_by_key(|s| s.inliers).unwrap();
-        let seen_through =
-            |free_space_violation: f64| Evidence { inliers: 5000, free_space_violation, ..best };
+        let seen_through = |free_space_violation: f64| {
+            let mut changed = best;
+            changed.inliers = 5000;
+            changed.free_space_violation = free_space_violation;
+            changed
+        };
         let settings = verifier.settings;
         assert!(verifier.probability(&seen_through(0.12)) > 0.95);
         // Matches outweigh the free-space violation by far: only the limit lowers the probability.
@@ -386,7 +390,8 @@ fn after_a_newcomer(
         found.clone()
     };
     let mut joining = pair(0, 1);
-    let evidence = Evidence { probability: Some(1.0), ..joining.hypotheses[0].evidence };
+    let mut evidence = joining.hypotheses[0].evidence;
+    evidence.probability = Some(1.0);
     joining.hypotheses = vec![ScoredHypothesis { a_from_b: zero_from_one, evidence, seen_through: [0.0; 2] }];
     let other = pair(0, 2);
     let alone = |k: usize| vec![(ScanId(k), RigidMotion::identity())];
@@ -552,7 +557,8 @@ fn what_no_pair_gives_a_chance_is_not_offered() {
         let most = |p: &&ScanPair| p.hypotheses.first().map_or(0, |h| h.evidence.inliers);
         let pair = pairs.iter().max_by_key(most).unwrap();
         let offered = |probability: f64| {
-            let evidence = Evidence { probability: Some(probability), ..pair.hypotheses[0].evidence };
+            let mut evidence = pair.hypotheses[0].evidence;
+            evidence.probability = Some(probability);
             let hypotheses = vec![ScoredHypothesis { evidence, ..pair.hypotheses[0] }];
             let doubtful = ScanPair { hypotheses, ..pair.clone() };
             of_unrelated(places.first, vec![doubtful], |agglomeration| {

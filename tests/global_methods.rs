@@ -21,16 +21,19 @@ fn interior() -> SyntheticSet {
 }
 
 fn config(method: Method, graph: GraphKind) -> Config {
-    let mut config = Config { method, ..Config::default() };
+    let mut config = {
+        let mut changed = Config::default();
+        changed.method = method;
+        changed
+    };
     config.descriptor.keypoints.count = 1000;
-    config.registration.strategy = Strategy::Incremental(IncrementalConfig {
-        ordering: Ordering::Inliers,
-        ..IncrementalConfig::default()
-    });
+    let mut growth = IncrementalConfig::default();
+    growth.ordering = Ordering::Inliers;
+    config.registration.strategy = Strategy::Incremental(growth);
     config.registration.multiview_icp.enabled = false;
     config.synchronization.graph = graph;
     // More than any wrong registration of this room has (18).
-    config.registration.verification = VerificationConfig::InlierCount(InlierCountConfig { min_inliers: 40 });
+    config.registration.verification = VerificationConfig::InlierCount(InlierCountConfig::new(40));
     config
 }
 

@@ -208,7 +208,11 @@ fn features_unpack_to_no_more_than_the_options_say() {
     let features = Features::new(keypoints, None, Descriptors::new(1, vec![1.0; 100_000]).unwrap()).unwrap();
     write_features(&path, &features).unwrap();
     let read = |mib| {
-        read_features_with(&path, &ReadOptions { unpack_limit_mib: Some(mib), ..ReadOptions::default() })
+        read_features_with(&path, &{
+            let mut changed = ReadOptions::default();
+            changed.unpack_limit_mib = Some(mib);
+            changed
+        })
     };
     let message = read(1).unwrap_err().to_string();
     assert!(message.contains("a.npz") && message.contains("input.unpack_limit_mib"), "{message}");

@@ -111,17 +111,17 @@ impl World {
 
 /// The paper's method: worlds of random points have no surface to verify or refine on.
 fn paper(settings: IncrementalConfig) -> RegistrationConfig {
-    let mut config = RegistrationConfig {
-        strategy: Strategy::Incremental(settings),
-        verification: VerificationConfig::InlierCount(InlierCountConfig { min_inliers: 12 }),
-        ..RegistrationConfig::default()
-    };
+    let mut config = RegistrationConfig::default();
+    config.strategy = Strategy::Incremental(settings);
+    config.verification = VerificationConfig::InlierCount(InlierCountConfig::new(12));
     config.multiview_icp.enabled = false;
     config
 }
 
 fn by_inliers() -> IncrementalConfig {
-    IncrementalConfig { ordering: Ordering::Inliers, ..IncrementalConfig::default() }
+    let mut config = IncrementalConfig::default();
+    config.ordering = Ordering::Inliers;
+    config
 }
 
 /// Every ablation of Li et al. 2025, table 4, but (c), which needs surfaces.
@@ -131,12 +131,17 @@ fn a_strip_is_registered_under_every_ablation() {
     world.add_strip(6, 1);
     let mut ransac = paper(by_inliers());
     ransac.estimator = EstimatorConfig::Ransac(RansacConfig::default());
-    let a = IncrementalConfig { semantic: false, ..by_inliers() };
-    let b = IncrementalConfig { ordering: Ordering::Similarity, ..by_inliers() };
+    let mut a = by_inliers();
+    a.semantic = false;
+    let mut b = by_inliers();
+    b.ordering = Ordering::Similarity;
     let mut d = by_inliers();
     d.averaging.enabled = false;
-    let [e, f] =
-        [MergeRule::Concatenate, MergeRule::Mean].map(|merge| IncrementalConfig { merge, ..by_inliers() });
+    let [e, f] = [MergeRule::Concatenate, MergeRule::Mean].map(|merge| {
+        let mut changed = by_inliers();
+        changed.merge = merge;
+        changed
+    });
     let variants = [paper(by_inliers()), ransac].into_iter().chain([a, d, e, f].map(paper));
     for config in variants {
         let result = world.register(&config, 7);

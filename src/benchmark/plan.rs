@@ -3,7 +3,6 @@
 use super::cell::{self, CellKey};
 use super::suite::{DataSet, Method, SimilarityChoice, Suite};
 use crate::Monitor;
-use crate::config::Config;
 use crate::evaluation::protocol::Protocol;
 use crate::evaluation::scene::{Benchmark, find_scenes};
 use crate::io::scan_files;
@@ -280,7 +279,8 @@ fn cell_hash(
 ) -> Result<String> {
     // The name of a preset is only a label.
     let label = String::new();
-    let config = Config { preset: label, ..method.config_for(dataset, key.seed, key.keypoints)? };
+    let mut config = method.config_for(dataset, key.seed, key.keypoints)?;
+    config.preset = label;
     let text = config.to_toml()?;
     let named = text.parse::<toml::Table>().map(toml::Value::Table).ok();
     let named = named.map_or(Ok(String::new()), |table| files.of_settings(&table))?;

@@ -12,7 +12,7 @@ use scanweave::evaluation::retrieval::{RetrievalReport, retrieval_scores};
 use scanweave::geometry::Point;
 use scanweave::geometry::voxel_means;
 use scanweave::pipeline::{self, FeatureSource};
-use scanweave::retrieval::{RetrievalConfig, SimilaritySource, similarity_of};
+use scanweave::retrieval::{SimilaritySource, similarity_of};
 use scanweave::scan::{Features, SimilarityMatrix};
 use scanweave::{Error, Monitor, io};
 use serde::Serialize;
@@ -125,7 +125,8 @@ fn ways(
         ("k-means NetVLAD", SimilaritySource::Netvlad),
     ];
     for (name, source) in untrained {
-        let settings = RetrievalConfig { source, ..config.retrieval.clone() };
+        let mut settings = config.retrieval.clone();
+        settings.source = source;
         all.push((name.to_owned(), similarity_of(features, &settings, None, config.seed, monitor)?.0));
     }
     let named = arguments.checkpoints.iter().cloned().map(Some);

@@ -29,25 +29,25 @@ impl Row {
         let outcomes = (0..n).map(|i| {
             let parent = i.checked_sub(1);
             let parent_from_scan = parent.map(|p| truth[p].inverse() * truth[i]);
-            Outcome::Placed(Placement {
-                world_from_scan: truth[0].inverse() * truth[i],
-                component: 0,
-                step: i,
-                parent: parent.map(ScanId),
-                matches: 100,
-                inliers: 40,
-                residual_m: 0.02,
-                evidence: parent.map(|_| Evidence { parent_from_scan, ..Evidence::default() }),
-                neighbours: Vec::new(),
-                pose_uncertainty: None,
-            })
+            let mut placement = Placement::at(truth[0].inverse() * truth[i], 0);
+            placement.step = i;
+            placement.parent = parent.map(ScanId);
+            placement.matches = 100;
+            placement.inliers = 40;
+            placement.residual_m = 0.02;
+            placement.evidence = parent.map(|_| {
+                let mut changed = Evidence::default();
+                changed.parent_from_scan = parent_from_scan;
+                changed
+            });
+            Outcome::Placed(placement)
         });
         Self {
             names: (0..n).map(|i| format!("s{i}")).collect(),
             numbers: (0..n).map(|i| 10 + i).collect(),
             moments: vec![Moments::of(&corners); n],
             overlap: SimilarityMatrix::new(n, values.collect()).unwrap(),
-            reconstruction: Reconstruction { outcomes: outcomes.collect() },
+            reconstruction: Reconstruction::new(outcomes.collect()),
             truth,
         }
     }

@@ -89,23 +89,14 @@ impl SceneEstimate {
     /// The poses alone, as a reconstruction that tells nothing of how it grew.
     pub fn reconstruction(&self) -> Reconstruction {
         let outcome = |(pose, reason): (&Option<(usize, RigidMotion)>, &Option<String>)| match pose {
-            Some((component, world_from_scan)) => Outcome::Placed(Placement {
-                world_from_scan: *world_from_scan,
-                component: *component,
-                step: 0,
-                parent: None,
-                matches: 0,
-                inliers: 0,
-                residual_m: 0.0,
-                evidence: None,
-                pose_uncertainty: None,
-                neighbours: Vec::new(),
-            }),
+            Some((component, world_from_scan)) => {
+                Outcome::Placed(Placement::at(*world_from_scan, *component))
+            }
             None => {
                 Outcome::Declined(DeclineReason::Degenerate { detail: reason.clone().unwrap_or_default() })
             }
         };
-        Reconstruction { outcomes: self.poses.iter().zip(&self.reasons).map(outcome).collect() }
+        Reconstruction::new(self.poses.iter().zip(&self.reasons).map(outcome).collect())
     }
 
     fn read_file(file: &Path, truth: &SceneTruth) -> Result<Self> {

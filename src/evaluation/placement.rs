@@ -116,18 +116,13 @@ mod tests {
     use nalgebra::Vector3;
 
     fn placed(world_from_scan: RigidMotion, component: usize, probability: Option<f64>) -> Outcome {
-        Outcome::Placed(Placement {
-            world_from_scan,
-            component,
-            step: 0,
-            parent: None,
-            matches: 0,
-            inliers: 0,
-            residual_m: 0.0,
-            evidence: probability.map(|p| Evidence { probability: Some(p), ..Evidence::default() }),
-            neighbours: Vec::new(),
-            pose_uncertainty: None,
-        })
+        let mut placement = Placement::at(world_from_scan, component);
+        placement.evidence = probability.map(|p| {
+            let mut changed = Evidence::default();
+            changed.probability = Some(p);
+            changed
+        });
+        Outcome::Placed(placement)
     }
 
     /// Seven scans a metre apart in a row: 0 to 4 in a component, 5 in another, 6 declined. Scan 2 is
@@ -144,7 +139,7 @@ mod tests {
         outcomes[2] = placed(pose(2), 0, Some(0.95));
         outcomes[4] = placed(pose(4), 0, Some(0.9));
         outcomes.push(Outcome::Declined(DeclineReason::TooFewKeypoints { keypoints: 1, needed: 3 }));
-        (truth, Reconstruction { outcomes })
+        (truth, Reconstruction::new(outcomes))
     }
 
     fn judged(limits: Limits) -> PlacementReport {

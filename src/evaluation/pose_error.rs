@@ -334,18 +334,7 @@ mod tests {
     }
 
     fn placed(world_from_scan: RigidMotion, component: usize) -> Outcome {
-        Outcome::Placed(Placement {
-            world_from_scan,
-            component,
-            step: 0,
-            parent: None,
-            matches: 0,
-            inliers: 0,
-            residual_m: 0.0,
-            evidence: None,
-            neighbours: Vec::new(),
-            pose_uncertainty: None,
-        })
+        Outcome::Placed(Placement::at(world_from_scan, component))
     }
 
     fn declined() -> Outcome {
@@ -385,7 +374,7 @@ mod tests {
         let Outcome::Placed(turned) = &mut outcomes[1] else { panic!() };
         let centre = Some(Point3::new(2.0, 0.0, 1.0));
         turned.pose_uncertainty = Some(Box::new(PoseUncertainty { centre, ..PoseUncertainty::default() }));
-        let r = evaluate_against_truth(&Reconstruction { outcomes }, &truth).unwrap();
+        let r = evaluate_against_truth(&Reconstruction::new(outcomes), &truth).unwrap();
         let found: Vec<_> = r.pairs.iter().map(|p| (p.i.0, p.j.0, p.error.unwrap().translation_m)).collect();
         assert_eq!(found.iter().map(|p| (p.0, p.1)).collect::<Vec<_>>(), [(0, 1), (0, 2), (1, 2)]);
         // Of the last pair the zero of the source comes to (4, 0, 0.5) of the turned frame instead of zero.
@@ -424,7 +413,7 @@ mod tests {
         let truth: Vec<RigidMotion> = (0..6).map(pose).collect();
         let frame = RigidMotion::new(Vector3::new(7.0, -2.0, 1.0), Vector3::new(1.0, 2.0, -0.4));
         let outcomes = truth.iter().map(|t| placed(frame * t, 0)).collect();
-        let r = evaluate_against_truth(&Reconstruction { outcomes }, &truth).unwrap();
+        let r = evaluate_against_truth(&Reconstruction::new(outcomes), &truth).unwrap();
         assert_eq!((r.total, r.placed, r.components, r.pairs.len()), (6, 6, 1, 15));
         for s in [r.scan_summary, r.pair_summary] {
             assert!(s.max_rotation_deg < 1e-5 && s.max_translation_m < 1e-9, "{s:?}");
@@ -440,7 +429,7 @@ mod tests {
         // Moved in the scan's own frame: the distance to truth is the length of the shift.
         outcomes[2] = placed(frame * truth[2] * stray, 0);
         outcomes[5] = declined();
-        let r = evaluate_against_truth(&Reconstruction { outcomes }, &truth).unwrap();
+        let r = evaluate_against_truth(&Reconstruction::new(outcomes), &truth).unwrap();
         assert_eq!((r.placed, r.scans.len(), r.pairs.len()), (6, 6, 15));
         for s in &r.scans {
             let expected = if s.scan.0 == 2 { (0.5f64.to_degrees(), 1.0) } else { (0.0, 0.0) };
@@ -466,7 +455,7 @@ mod tests {
                 placed(frames[c] * truth[i], c)
             })
             .collect();
-        let rec = Reconstruction { outcomes };
+        let rec = Reconstruction::new(outcomes);
         let r = evaluate_groups(&rec, &truth, &[0, 0, 0, 0, 1]).unwrap();
         let joined: Vec<_> = r.pairs.iter().map(|p| (p.i.0, p.j.0)).collect();
         assert_eq!(joined, [(0, 1), (2, 3)]);

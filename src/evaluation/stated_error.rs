@@ -115,18 +115,10 @@ mod tests {
         centre: Option<Point3<f64>>,
     ) -> Outcome {
         let uncertainty = PoseUncertainty { weakest_edge: None, covariance: Some(covariance), centre };
-        Outcome::Placed(Placement {
-            world_from_scan,
-            component: 0,
-            step,
-            parent: None,
-            matches: 0,
-            inliers: 0,
-            residual_m: 0.0,
-            evidence: None,
-            neighbours: Vec::new(),
-            pose_uncertainty: Some(Box::new(uncertainty)),
-        })
+        let mut placement = Placement::at(world_from_scan, 0);
+        placement.step = step;
+        placement.pose_uncertainty = Some(Box::new(uncertainty));
+        Outcome::Placed(placement)
     }
 
     fn truth() -> Vec<RigidMotion> {
@@ -166,7 +158,7 @@ mod tests {
             placed(one, 1, covariance, Some(CENTRE)),
             placed(two, 1, covariance, Some(CENTRE)),
         ];
-        Reconstruction { outcomes }
+        Reconstruction::new(outcomes)
     }
 
     #[test]

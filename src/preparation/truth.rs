@@ -168,7 +168,8 @@ fn distinct(numbers: &[Option<usize>]) -> Option<Vec<usize>> {
 
 /// Voxel and radius, given or read off the scans.
 fn lengths(config: &TruthConfig, clouds: &[&PointCloud]) -> Result<(f64, f64)> {
-    let chosen = ScaleConfig { voxel_m: config.voxel_m, ..ScaleConfig::default() };
+    let mut chosen = ScaleConfig::default();
+    chosen.voxel_m = config.voxel_m;
     chosen.validate()?;
     let voxel_m = crate::preprocessing::choose_scale(&chosen, clouds)?.scale.voxel_m;
     let radius_m = config.radius_m.unwrap_or(OVERLAP_RADIUS_VOXELS * voxel_m);

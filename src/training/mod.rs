@@ -84,12 +84,11 @@ impl Recipe {
 
     /// The settings that a registration computes the same features with.
     fn features(&self) -> Config {
-        Config {
-            seed: self.train.seed,
-            scale: self.scale.clone(),
-            descriptor: self.descriptor.clone(),
-            ..Config::default()
-        }
+        let mut config = Config::default();
+        config.seed = self.train.seed;
+        config.scale = self.scale.clone();
+        config.descriptor = self.descriptor.clone();
+        config
     }
 }
 

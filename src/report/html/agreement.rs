@@ -96,12 +96,7 @@ mod tests {
             viewpoint: Point::new(0.0, 0.0, 1.0),
             ..Surface::default()
         };
-        let touching = |scan| NeighbourEvidence {
-            scan: crate::scan::ScanId(scan),
-            overlap: 0.5,
-            residual_m: 0.02,
-            plane_distance_m: None,
-        };
+        let touching = |scan| NeighbourEvidence::new(crate::scan::ScanId(scan), 0.5, 0.02);
         let mut first = placed(RigidMotion::identity(), 0, None);
         let mut second = placed(RigidMotion::translation(0.5, 0.0, 0.02), 1, Some(0));
         (first.neighbours, second.neighbours) = (vec![touching(1)], vec![touching(0)]);

@@ -5,18 +5,10 @@ use crate::scan::{DeclineReason, Outcome, Placement, Reconstruction, Scan, ScanI
 
 /// A placement without evidence.
 pub(super) fn placed(world_from_scan: RigidMotion, step: usize, parent: Option<usize>) -> Placement {
-    Placement {
-        world_from_scan,
-        component: 0,
-        step,
-        parent: parent.map(ScanId),
-        matches: 0,
-        inliers: 0,
-        residual_m: 0.0,
-        evidence: None,
-        pose_uncertainty: None,
-        neighbours: Vec::new(),
-    }
+    let mut placement = Placement::at(world_from_scan, 0);
+    placement.step = step;
+    placement.parent = parent.map(ScanId);
+    placement
 }
 
 /// Scans `0`, `1`, … with these outcomes.
@@ -34,7 +26,7 @@ fn named(names: &[&str], outcomes: Vec<Outcome>) -> Document {
         ..Scan::default()
     };
     let scans: Vec<Scan> = names.iter().enumerate().map(scan).collect();
-    Document::new(&scans, &Reconstruction { outcomes }, 0.07)
+    Document::new(&scans, &Reconstruction::new(outcomes), 0.07)
 }
 
 fn run_report(document: &Document) -> RunReport {

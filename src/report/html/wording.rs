@@ -129,13 +129,11 @@ mod tests {
 
     #[test]
     fn reasons_tell_what_was_found_and_what_was_needed() {
-        let evidence = Evidence {
-            inliers: 14,
-            second_best_inliers: 12,
-            overlap: 0.004,
-            probability: Some(0.31),
-            ..Evidence::default()
-        };
+        let mut evidence = Evidence::default();
+        evidence.inliers = 14;
+        evidence.second_best_inliers = 12;
+        evidence.overlap = 0.004;
+        evidence.probability = Some(0.31);
         let cases = [
             (
                 DeclineReason::TooFewInliers { inliers: 2, needed: 8, matches: 90 },

@@ -10,24 +10,24 @@ use crate::scan::{
 use nalgebra::{Matrix3, Matrix6, Point3, Rotation3, Vector3, Vector6};
 
 fn placed(component: usize, parent: Option<usize>, neighbours: &[(usize, f64, f64)]) -> Placement {
-    let near = |&(scan, overlap, distance_m): &(usize, f64, f64)| NeighbourEvidence {
-        scan: ScanId(scan),
-        overlap,
-        residual_m: 0.05,
-        plane_distance_m: Some(distance_m),
+    let near = |&(scan, overlap, distance_m): &(usize, f64, f64)| {
+        let mut near = NeighbourEvidence::new(ScanId(scan), overlap, 0.05);
+        near.plane_distance_m = Some(distance_m);
+        near
     };
-    Placement {
-        world_from_scan: RigidMotion::identity(),
-        component,
-        step: usize::from(parent.is_some()),
-        parent: parent.map(ScanId),
-        matches: 9,
-        inliers: 8,
-        residual_m: 0.004,
-        evidence: Some(Evidence { probability: Some(0.97), ..Evidence::default() }),
-        neighbours: neighbours.iter().map(near).collect(),
-        pose_uncertainty: None,
-    }
+    let mut placement = Placement::at(RigidMotion::identity(), component);
+    placement.step = usize::from(parent.is_some());
+    placement.parent = parent.map(ScanId);
+    placement.matches = 9;
+    placement.inliers = 8;
+    placement.residual_m = 0.004;
+    placement.evidence = Some({
+        let mut changed = Evidence::default();
+        changed.probability = Some(0.97);
+        changed
+    });
+    placement.neighbours = neighbours.iter().map(near).collect();
+    placement
 }
 
 /// Scans of these names, with an inlier radius of 7 cm.
@@ -40,7 +40,7 @@ fn document(names: &[&str], outcomes: Vec<Outcome>) -> Document {
         ..Scan::default()
     };
     let scans: Vec<Scan> = names.iter().enumerate().map(scan).collect();
-    Document::new(&scans, &Reconstruction { outcomes }, 0.07)
+    Document::new(&scans, &Reconstruction::new(outcomes), 0.07)
 }
 
 fn run_report(document: &Document, seconds: f64) -> RunReport {

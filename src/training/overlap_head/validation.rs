@@ -59,14 +59,12 @@ impl<'a> Validator<'a> {
             ("k-means NetVLAD", SimilaritySource::Netvlad),
         ];
         let score = |(name, source): (&str, SimilaritySource)| {
-            let settings = RetrievalConfig {
-                source,
-                clusters: config.clusters,
-                alpha: config.alpha as f32,
-                bias: config.bias,
-                gem_power: config.gem_power as f32,
-                ..RetrievalConfig::default()
-            };
+            let mut settings = RetrievalConfig::default();
+            settings.source = source;
+            settings.clusters = config.clusters;
+            settings.alpha = config.alpha as f32;
+            settings.bias = config.bias;
+            settings.gem_power = config.gem_power as f32;
             let head = |scans: &[&Descriptors]| Ok(choose_head(scans, &settings, None, config.seed)?.0);
             Ok((name.to_owned(), self.score_each(head)?))
         };

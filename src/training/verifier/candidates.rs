@@ -87,8 +87,11 @@ fn candidates_of(
 ) -> Result<Vec<Candidate>> {
     let PosedScans { name, scans, world_from_scan } = posed;
     let scans: &[Scan] = scans;
-    let config = Config { seed: recipe.seed, descriptor: recipe.descriptor.clone(), ..Config::default() };
-    let settings = SurfaceVerification { weights: recipe.given.clone(), ..SurfaceVerification::default() };
+    let mut config = Config::default();
+    config.seed = recipe.seed;
+    config.descriptor = recipe.descriptor.clone();
+    let mut settings = SurfaceVerification::default();
+    settings.weights = recipe.given.clone();
     let described = pipeline::describe(scans, &config, &FeatureSource::Computed, monitor)?;
     let (similarity, _) = pipeline::predict_overlap(&described, &config, monitor, &mut Stopwatch::default())?;
     let (radius_m, voxel_m) = (described.scale.inlier_radius_m, described.scale.voxel_m);

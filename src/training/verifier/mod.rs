@@ -65,10 +65,11 @@ impl Default for VerifierRecipe {
             synthetic_seeds: vec![0, 1],
             synthetic_places: Place::ALL.to_vec(),
             given: EvidenceWeights::default(),
-            descriptor: DescriptorConfig {
-                kind: DescriptorKind::Fpfh,
-                keypoints: KeypointConfig { count: 1500 },
-                ..DescriptorConfig::default()
+            descriptor: {
+                let mut changed = DescriptorConfig::default();
+                changed.kind = DescriptorKind::Fpfh;
+                changed.keypoints = KeypointConfig::new(1500);
+                changed
             },
             kinds: Vec::new(),
         }

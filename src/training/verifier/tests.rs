@@ -148,9 +148,10 @@ fn two_synthetic_kinds_train_a_verifier_the_same_for_any_number_of_threads() {
     let recipe = VerifierRecipe {
         synthetic_seeds: vec![0],
         synthetic_places: vec![Place::LopsidedBlock, Place::SixSidedColumn],
-        descriptor: DescriptorConfig {
-            keypoints: KeypointConfig { count: 400 },
-            ..VerifierRecipe::default().descriptor
+        descriptor: {
+            let mut changed = VerifierRecipe::default().descriptor;
+            changed.keypoints = KeypointConfig::new(400);
+            changed
         },
         ..VerifierRecipe::default()
     };

@@ -29,6 +29,7 @@ pub const DEFAULT_PRESET: &str = "default";
 /// How scans are registered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Method {
     /// Multiview registration by the strategy `registration.strategy`.
     #[default]
@@ -78,6 +79,7 @@ impl std::fmt::Display for Method {
 /// What is written.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct OutputConfig {
     /// Voxel to which merged.ply is thinned, metres; half of the working voxel where not given.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -116,6 +118,7 @@ impl OutputConfig {
 /// All settings of a registration.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Config {
     /// Name of the preset these settings started from; only a label.
     pub preset: String,

@@ -12,6 +12,7 @@ use std::path::PathBuf;
 /// The descriptors there are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum DescriptorKind {
     /// Fast point feature histograms, computed here (33 values).
     Fpfh,
@@ -51,6 +52,7 @@ pub enum PatchPoints {
 /// Settings of the local features.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct DescriptorConfig {
     /// Which descriptor.
     pub kind: DescriptorKind,

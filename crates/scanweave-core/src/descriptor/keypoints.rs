@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 /// How many keypoints a scan gets.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct KeypointConfig {
     /// Keypoints a scan; a scan with fewer usable points gives all of them.
     pub count: usize,
@@ -26,6 +27,11 @@ impl Default for KeypointConfig {
 }
 
 impl KeypointConfig {
+    /// So many keypoints a scan.
+    pub fn new(count: usize) -> Self {
+        Self { count }
+    }
+
     /// Checks the count.
     ///
     /// # Errors

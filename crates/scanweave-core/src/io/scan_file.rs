@@ -11,6 +11,7 @@ use std::path::PathBuf;
 /// What the user says about files that do not say it themselves.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct ReadOptions {
     /// Which columns of a text file hold what, in place of its line of names: `x=3,y=4,z=5`, counted
     /// from 1, with `r=`, `g=`, `b=` and `i=` (intensity) where wanted.

@@ -23,6 +23,7 @@ const OFF_SCALE_RATIO: f64 = 10.0;
 /// Lengths to use instead of those read off the scans.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct ScaleConfig {
     /// Voxel size, metres; the other lengths follow it unless given themselves.
     #[serde(skip_serializing_if = "Option::is_none")]

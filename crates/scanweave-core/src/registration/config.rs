@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 /// How scans are put together.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Strategy {
     /// One meta-shape grows from a pivot, a scan a step (the paper's method).
     Incremental(IncrementalConfig),
@@ -41,6 +42,7 @@ impl std::fmt::Display for Strategy {
 /// Settings of the registration.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct RegistrationConfig {
     /// How scans are put together.
     pub strategy: Strategy,

@@ -45,6 +45,7 @@ impl Axis {
 /// What is known of poses before any scan is compared.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct PriorConfig {
     /// Whether the rough poses that files state, or that were given with them, are used.
     pub initial_poses: bool,

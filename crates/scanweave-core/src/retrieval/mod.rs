@@ -48,6 +48,7 @@ pub enum SimilaritySource {
 /// Whether a trained head predicts the overlap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum HeadChoice {
     /// The checkpoint that is named; where none is, the one that comes with the program if it fits
     /// the pooling and the descriptors, and otherwise as `untrained`.
@@ -60,6 +61,7 @@ pub enum HeadChoice {
 /// Settings of the retrieval stage.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct RetrievalConfig {
     /// Pooling of the global feature. A checkpoint must hold the same kind.
     pub source: SimilaritySource,

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 /// Agreement of a placed scan with one other placed scan, measured at the final poses.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct NeighbourEvidence {
     /// The other scan.
     pub scan: ScanId,
@@ -20,8 +21,16 @@ pub struct NeighbourEvidence {
     pub plane_distance_m: Option<f64>,
 }
 
+impl NeighbourEvidence {
+    /// What keypoints tell; the distance of the surfaces was not measured.
+    pub fn new(scan: ScanId, overlap: f64, residual_m: f64) -> Self {
+        Self { scan, overlap, residual_m, plane_distance_m: None }
+    }
+}
+
 /// What speaks for the pose at which a scan was registered against the meta-shape.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Evidence {
     /// Mutual descriptor matches.
     pub matches: usize,
@@ -101,6 +110,7 @@ impl PoseUncertainty {
 
 /// A scan with a pose, and what speaks for it.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Placement {
     /// Pose in the frame of its component: takes coordinates of the scan's file to those of the
     /// pivot's file.
@@ -268,12 +278,18 @@ impl Outcome {
 
 /// The result of a registration: one outcome a scan, in the order of the input.
 #[derive(Debug, Clone, PartialEq, Default)]
+#[non_exhaustive]
 pub struct Reconstruction {
     /// Outcome of scan `i` at index `i`.
     pub outcomes: Vec<Outcome>,
 }
 
 impl Reconstruction {
+    /// One outcome a scan, in the order of the scans.
+    pub fn new(outcomes: Vec<Outcome>) -> Self {
+        Self { outcomes }
+    }
+
     /// Pose of a scan, if placed.
     pub fn world_from_scan(&self, scan: ScanId) -> Option<&RigidMotion> {
         self.outcomes.get(scan.0)?.placement().map(|p| &p.world_from_scan)

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 /// How poses follow from a pose graph.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Method {
     /// Spectral synchronisation on SE(3) with Cauchy weights (Arrigoni, Rossi & Fusiello 2016).
     Eigse3,
@@ -77,6 +78,7 @@ impl std::fmt::Display for GraphKind {
 /// Settings of the global paradigm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct SynchronizationConfig {
     /// Which pairs become edges.
     pub graph: GraphKind,

@@ -268,7 +268,12 @@ fn no_number_in_a_small_file_decides_how_much_memory_is_taken() {
         let read = |bytes: &[u8]| {
             std::fs::write(&path, bytes).unwrap();
             cost_of(|| {
-                read_file(&path, &ReadOptions { attributes: true, ..ReadOptions::default() }).map(|_| ())
+                read_file(&path, &{
+                    let mut changed = ReadOptions::default();
+                    changed.attributes = true;
+                    changed
+                })
+                .map(|_| ())
             })
         };
         let (whole, alone) = read(&bytes);

@@ -370,23 +370,20 @@ fn document() -> Document {
     let scan = |i: usize| Scan { id: ScanId(i), name: SCANS[i].to_owned(), ..Scan::default() };
     let outcome = |i: usize| match i {
         3 => Outcome::Declined(DeclineReason::TooFewKeypoints { keypoints: 0, needed: 3 }),
-        _ => Outcome::Placed(Placement {
-            step: i,
-            parent: (i > 0).then_some(ScanId(0)),
-            matches: 40 * i,
-            inliers: 30 * i,
-            residual_m: 0.01,
-            neighbours: vec![NeighbourEvidence {
-                scan: ScanId(if i == 0 { 1 } else { 0 }),
-                overlap: 0.5,
-                residual_m: 0.01,
-                plane_distance_m: Some(0.002),
-            }],
-            ..Placement::at(if i == 0 { RigidMotion::identity() } else { motion(i) }, 0)
-        }),
+        _ => {
+            let mut placement = Placement::at(if i == 0 { RigidMotion::identity() } else { motion(i) }, 0);
+            placement.step = i;
+            placement.parent = (i > 0).then_some(ScanId(0));
+            placement.matches = 40 * i;
+            placement.inliers = 30 * i;
+            placement.residual_m = 0.01;
+            placement.neighbours = vec![NeighbourEvidence::new(ScanId(usize::from(i == 0)), 0.5, 0.01)];
+            placement.neighbours[0].plane_distance_m = Some(0.002);
+            Outcome::Placed(placement)
+        }
     };
     let scans: Vec<Scan> = (0..SCANS.len()).map(scan).collect();
-    Document::new(&scans, &Reconstruction { outcomes: (0..SCANS.len()).map(outcome).collect() }, 0.07)
+    Document::new(&scans, &Reconstruction::new((0..SCANS.len()).map(outcome).collect()), 0.07)
 }
 
 fn report() -> RunReport {

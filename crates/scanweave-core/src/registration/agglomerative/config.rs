@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 /// Settings of the agglomerative strategy.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct AgglomerativeConfig {
     /// Most similar scans that every scan is registered with at first.
     pub neighbours: usize,

@@ -34,6 +34,7 @@ pub enum MergeRule {
 /// Settings of the transformation averaging of a newly selected scan.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct AveragingConfig {
     /// Off is ablation d.
     pub enabled: bool,
@@ -54,6 +55,7 @@ impl Default for AveragingConfig {
 /// Settings of the incremental strategy.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct IncrementalConfig {
     /// Scans most similar to the meta-shape that are registered in a step (k).
     pub shortlist: usize,

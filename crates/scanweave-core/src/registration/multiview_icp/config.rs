@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 /// Settings of the multiview point-to-plane ICP of all poses of a component.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct MultiviewIcpConfig {
     /// Whether poses are refined together at the end.
     pub enabled: bool,
@@ -28,6 +29,7 @@ pub struct MultiviewIcpConfig {
 /// scans were joined by.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct FineRefinementConfig {
     /// Whether it is made.
     pub enabled: bool,

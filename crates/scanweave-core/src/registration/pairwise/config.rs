@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 /// How a pose is estimated from matches.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum EstimatorConfig {
     /// Random sample consensus over triples of matches (Fischler & Bolles 1981), as in the paper.
     Ransac(RansacConfig),
@@ -24,6 +25,7 @@ impl Default for EstimatorConfig {
 /// Settings of random sample consensus.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct RansacConfig {
     /// Triples that are scored: those that pass the edge-length check.
     pub hypotheses: usize,
@@ -44,6 +46,7 @@ impl Default for RansacConfig {
 /// Settings of the spatial compatibility estimator.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct SpatialCompatibilityConfig {
     /// Seeds whose consensus sets are fitted and scored.
     pub hypotheses: usize,

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 /// How a pose is verified.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum VerificationConfig {
     /// By the number of inlier matches alone, as in the paper (IC).
     InlierCount(InlierCountConfig),
@@ -25,9 +26,17 @@ impl Default for VerificationConfig {
 /// Settings of the verification by inlier matches.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct InlierCountConfig {
     /// Inliers needed.
     pub min_inliers: usize,
+}
+
+impl InlierCountConfig {
+    /// So many inliers needed.
+    pub fn new(min_inliers: usize) -> Self {
+        Self { min_inliers }
+    }
 }
 
 impl Default for InlierCountConfig {
@@ -39,6 +48,7 @@ impl Default for InlierCountConfig {
 /// Settings of the verification by matches and surfaces.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct SurfaceVerification {
     /// Inliers needed in any case.
     pub min_inliers: usize,

@@ -132,7 +132,10 @@ pub fn named(name: &str) -> Option<&'static Document> {
 
 /// The least that a file may unpack to: fast, and what goes beyond it shows.
 fn options() -> ReadOptions {
-    ReadOptions { attributes: true, unpack_limit_mib: Some(1), ..ReadOptions::default() }
+    let mut config = ReadOptions::default();
+    config.attributes = true;
+    config.unpack_limit_mib = Some(1);
+    config
 }
 
 fn read_scans(place: &Place, name: &str, bytes: &[u8]) -> bool {
@@ -141,12 +144,18 @@ fn read_scans(place: &Place, name: &str, bytes: &[u8]) -> bool {
 
 /// A unit of a kilometre, which takes numbers beyond those of single precision.
 fn read_unit(place: &Place, bytes: &[u8]) -> bool {
-    check_file(&place.put("scan.ply", bytes), &ReadOptions { unit_m: Some(1e3), ..options() })
+    check_file(&place.put("scan.ply", bytes), &{
+        let mut changed = options();
+        changed.unit_m = Some(1e3);
+        changed
+    })
 }
 
 fn read_columns(place: &Place, bytes: &[u8]) -> bool {
     let columns = "x=2,y=3,z=1,i=4".parse().ok();
-    let options = ReadOptions { columns, unit_m: Some(1e3), ..options() };
+    let mut options = options();
+    options.columns = columns;
+    options.unit_m = Some(1e3);
     check_file(&place.put("scan.csv", bytes), &options)
 }
 
@@ -181,7 +190,11 @@ fn read_intrinsics(place: &Place, bytes: &[u8]) -> bool {
         let Ok(io::CameraMatrix { fx, fy, cx, cy }) = io::read_intrinsics(&path) else { return false };
         assert!(finite(&[fx, fy, cx, cy]) && fx > 0.0 && fy > 0.0, "intrinsics {fx} {fy} {cx} {cy}");
         let image = place.put("depth.pgm", DEPTH);
-        check_file(&image, &ReadOptions { intrinsics: Some(path), ..options() })
+        check_file(&image, &{
+            let mut changed = options();
+            changed.intrinsics = Some(path);
+            changed
+        })
     });
     read.contains(&true)
 }
