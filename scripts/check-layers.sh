@@ -3,7 +3,7 @@
 # (ARCHITECTURE.md, "Layers of the core"). Prints the number of packages that each crate is built from.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-packages() { cargo tree --locked -p "$1" -e normal --prefix none --no-dedupe | awk '{print $1}' | sort -u; }
+packages() { cargo tree --locked -e normal --prefix none --no-dedupe -p "$@" | awk '{print $1}' | sort -u; }
 core="$(packages scanweave-core)"
 for unwanted in burn clap anyhow plotters indicatif scanweave; do
     if grep -qx "$unwanted" <<<"$core"; then
@@ -11,7 +11,13 @@ for unwanted in burn clap anyhow plotters indicatif scanweave; do
         exit 1
     fi
 done
-echo "packages: $(wc -l <<<"$core") for scanweave-core, $(packages scanweave | wc -l) for scanweave"
+without_training="$(packages scanweave --no-default-features)"
+if grep -q '^burn' <<<"$without_training"; then
+    echo "scanweave without its feature \`training\` is built from Burn" >&2
+    exit 1
+fi
+echo "packages: $(wc -l <<<"$core") for scanweave-core, $(packages scanweave | wc -l) for scanweave, \
+$(wc -l <<<"$without_training") of them without training"
 
 # What the rooms of each layer may not name; tests at the end of a file are left out.
 failed=0

@@ -2,7 +2,7 @@
 //!
 //! The registration itself is [`scanweave_core`], which this crate re-exports: one `scanweave` is
 //! all that a program names. What is added here needs Burn or is not needed to register scans:
-//! training, import of weights, evaluation, benchmarks, reports, synthetic data.
+//! training and import of weights (feature `training`), evaluation, benchmarks, reports, synthetic data.
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 #![cfg_attr(
@@ -19,13 +19,20 @@
     )
 )]
 
+// The command names the library as any other program does.
+extern crate self as scanweave;
+
 pub mod benchmark;
+#[doc(hidden)]
+pub mod cli;
 pub mod evaluation;
 pub mod fusion;
 pub mod preparation;
 pub mod report;
 pub mod synthetic;
+#[cfg(feature = "training")]
 pub mod training;
+#[cfg(feature = "training")]
 pub mod weight_import;
 
 pub use scanweave_core::*;

@@ -1,5 +1,6 @@
 //! The command line: arguments → typed options → library call → print.
 //! One file a subcommand; `clap`, `anyhow` and printing live only here.
+//! [`main`] is the whole command: `main.rs` and the Python package call it.
 
 mod benchmark;
 mod completions;
@@ -16,10 +17,11 @@ mod evaluate_truth;
 mod export;
 mod fuse;
 mod ground_truth;
+#[cfg(feature = "training")]
 mod import_weights;
 mod inspect;
 mod interrupt;
-pub mod logging;
+mod logging;
 mod man;
 mod options;
 mod outcome;
@@ -30,12 +32,14 @@ mod result_folder;
 mod sample;
 mod status;
 mod synth;
-pub mod terminal;
+mod terminal;
+#[cfg(feature = "training")]
 mod train;
 
-pub use status::Status;
+use status::Status;
 
 use clap::{Args, Parser, Subcommand};
+use std::ffi::OsString;
 
 /// Register an unordered collection of partially overlapping 3-D scans into one model.
 ///
@@ -43,9 +47,9 @@ use clap::{Args, Parser, Subcommand};
 /// evidence for it, or declined, with the reason why.
 #[derive(Debug, Parser)]
 #[command(name = "scanweave", version, max_term_width = 100, after_help = status::HELP)]
-pub struct Cli {
+struct Cli {
     #[command(flatten)]
-    pub verbosity: Verbosity,
+    verbosity: Verbosity,
     /// What to do.
     #[command(subcommand)]
     command: Command,
@@ -53,13 +57,13 @@ pub struct Cli {
 
 /// How much is said on the terminal.
 #[derive(Debug, Args)]
-pub struct Verbosity {
+struct Verbosity {
     /// Say more on stderr (-v stages, -vv details); progress bars are then off.
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
-    pub verbose: u8,
+    verbose: u8,
     /// Say nothing but errors: no progress bars, no table.
     #[arg(short, long, global = true, conflicts_with = "verbose")]
-    pub quiet: bool,
+    quiet: bool,
 }
 
 #[derive(Debug, Subcommand)]
@@ -74,7 +78,9 @@ enum Command {
     Diagnose(diagnose::Arguments),
     EvaluateRetrieval(evaluate_retrieval::Arguments),
     Benchmark(benchmark::Arguments),
+    #[cfg(feature = "training")]
     Train(train::Arguments),
+    #[cfg(feature = "training")]
     ImportWeights(import_weights::Arguments),
     Synth(synth::Arguments),
     Fuse(fuse::Arguments),
@@ -85,13 +91,30 @@ enum Command {
     Man(man::Arguments),
 }
 
+/// Runs the command with the arguments of a process, of which the first is the name of the program, and
+/// returns its exit code.
+pub fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let arguments = match Cli::try_parse_from(arguments) {
+        Ok(arguments) => arguments,
+        Err(error) => return terminal::show_usage(&error),
+    };
+    logging::start(&arguments.verbosity);
+    match start().and_then(|()| run(arguments)) {
+        Ok(status) => status as u8,
+        Err(error) => {
+            terminal::print_error(&error);
+            Status::of(&error) as u8
+        }
+    }
+}
+
 /// What is set up once, before any command.
-pub fn start() -> anyhow::Result<()> {
+fn start() -> anyhow::Result<()> {
     interrupt::outlive_file_size_limits()
 }
 
 /// Runs the chosen command.
-pub fn run(cli: Cli) -> anyhow::Result<Status> {
+fn run(cli: Cli) -> anyhow::Result<Status> {
     match cli.command {
         Command::Register(arguments) => register::run(arguments, &cli.verbosity),
         Command::Report(arguments) => report::run(&arguments, &cli.verbosity),
@@ -103,7 +126,9 @@ pub fn run(cli: Cli) -> anyhow::Result<Status> {
         Command::Diagnose(arguments) => diagnose::run(&arguments, &cli.verbosity),
         Command::EvaluateRetrieval(arguments) => evaluate_retrieval::run(arguments, &cli.verbosity),
         Command::Benchmark(arguments) => benchmark::run(arguments, &cli.verbosity),
+        #[cfg(feature = "training")]
         Command::Train(arguments) => train::run(arguments, &cli.verbosity),
+        #[cfg(feature = "training")]
         Command::ImportWeights(arguments) => import_weights::run(&arguments, &cli.verbosity),
         Command::Synth(arguments) => synth::run(arguments, &cli.verbosity),
         Command::Fuse(arguments) => fuse::run(&arguments, &cli.verbosity),

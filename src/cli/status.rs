@@ -1,7 +1,6 @@
 //! Exit codes.
 
 use scanweave::{Error, ErrorKind};
-use std::process::ExitCode;
 
 /// How a run of the command ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,11 +45,5 @@ impl Status {
             Some(ErrorKind::Interrupted) => Status::Interrupted,
             _ => Status::Internal,
         }
-    }
-}
-
-impl From<Status> for ExitCode {
-    fn from(status: Status) -> Self {
-        ExitCode::from(status as u8)
     }
 }

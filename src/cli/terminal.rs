@@ -3,6 +3,7 @@
 //! Names and texts of files are part of what is printed. All but [`print_drawn`] takes care that no
 //! control character of theirs reaches the terminal.
 
+use super::Status;
 use scanweave::files::{printable, printable_json, printable_lines};
 use scanweave::{Error, Result};
 use std::io::{ErrorKind, Write};
@@ -48,15 +49,17 @@ pub fn print_error(error: &anyhow::Error) {
     tell(&format!("error: {message}"));
 }
 
-/// Shows what is wrong with the arguments, or the help that they ask for, and ends the process.
+/// Shows what is wrong with the arguments, or the help that they ask for, and returns the exit code.
 ///
 /// An argument may be the name of a file that the shell found.
-pub fn exit_with_usage(error: &clap::Error) -> ! {
+pub fn show_usage(error: &clap::Error) -> u8 {
     let plain = error.to_string();
     let shown = printable_lines(&plain);
+    // There is nowhere to complain if that fails.
     if !error.use_stderr() || shown == plain {
-        error.exit();
+        error.print().ok();
+    } else {
+        write!(std::io::stderr().lock(), "{shown}").ok();
     }
-    write!(std::io::stderr().lock(), "{shown}").ok();
-    std::process::exit(error.exit_code());
+    u8::try_from(error.exit_code()).unwrap_or(Status::Internal as u8)
 }
