@@ -10,7 +10,7 @@ use scanweave::config::{Config, Layers};
 use scanweave::geometry::RigidMotion;
 use scanweave::pipeline::{self, FeatureSource};
 use scanweave::scan::{Outcome, Reconstruction};
-use scanweave::synthetic::adversarial::{AdversarialSet, Trouble, scans_of};
+use scanweave::synthetic::{AdversarialSet, Trouble, adversarial_scans};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1).peekable();
@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for trouble in Trouble::ALL {
         let mut total = Counts::default();
         for seed in 0..seeds {
-            let set = scans_of(trouble, seed, &Silent)?;
+            let set = adversarial_scans(trouble, seed, &Silent)?;
             let run = pipeline::run(&set.scans, &config, &FeatureSource::Computed, &Silent)?;
             total.add(&set, &run.reconstruction, run.scale.inlier_radius_m);
         }

@@ -16,7 +16,7 @@ use scanweave::geometry::RigidMotion;
 use scanweave::pipeline::{self, FeatureSource};
 use scanweave::registration::Axis;
 use scanweave::scan::{Outcome, Reconstruction, Scan};
-use scanweave::synthetic::ambiguous::{AmbiguousSet, Place, scans_of};
+use scanweave::synthetic::{AmbiguousSet, Place, ambiguous_scans};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1).peekable();
@@ -46,7 +46,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let (mut scans, mut probabilities) = (0, [Vec::new(), Vec::new()]);
         let (mut right_pairs, mut pairs) = (0, 0);
         for seed in 0..seeds {
-            let (set, config) = known.of(scans_of(place, seed), &config, seed);
+            let (set, config) = known.of(ambiguous_scans(place, seed), &config, seed);
             let run = pipeline::run(&set.scans, &config, &FeatureSource::Computed, &scanweave::Silent)?;
             scans += set.scans.len();
             pairs += set.scans.len() * (set.scans.len() - 1) / 2;

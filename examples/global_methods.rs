@@ -18,7 +18,7 @@
 use scanweave::config::{Layers, Method as Choice};
 use scanweave::descriptor::DescriptorKind;
 use scanweave::descriptor::subsample_features;
-use scanweave::evaluation::recall::{RecallConfig, RecallReport, registration_recall};
+use scanweave::evaluation::{RecallConfig, RecallReport, registration_recall};
 use scanweave::geometry::RigidMotion;
 use scanweave::geometry::{rotation_error_rad, translation_error_m};
 use scanweave::io::{Benchmark, read_benchmark, read_scene};

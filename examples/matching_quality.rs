@@ -25,7 +25,7 @@ use ndarray::ArrayView2;
 use rayon::prelude::*;
 use scanweave::descriptor::subsample_features;
 use scanweave::descriptor::{self, DescriptorConfig, DescriptorKind, KeypointConfig};
-use scanweave::evaluation::recall::rmse_m;
+use scanweave::evaluation::rmse_m;
 use scanweave::geometry::PointMover;
 use scanweave::io;
 use scanweave::registration::Matches;

@@ -12,7 +12,7 @@ use scanweave::Silent;
 use scanweave::geometry::{rotation_error_rad, translation_error_m};
 use scanweave::scan::ScanId;
 use scanweave::synchronization::{LitsWeights, Method, synchronize};
-use scanweave::synthetic::pose_graph::{KnownPoseGraph, PoseGraphConfig};
+use scanweave::synthetic::{KnownPoseGraph, PoseGraphConfig};
 
 const SHARES: [f64; 6] = [0.0, 0.1, 0.3, 0.5, 0.6, 0.7];
 const GRAPHS: u64 = 10;

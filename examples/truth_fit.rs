@@ -12,7 +12,7 @@
 use rayon::prelude::*;
 use scanweave::Silent;
 use scanweave::config::Config;
-use scanweave::evaluation::ground_truth::{LO_MATCH_OVERLAP, MATCH_OVERLAP, benchmark_pairs, overlap_matrix};
+use scanweave::evaluation::{LO_MATCH_OVERLAP, MATCH_OVERLAP, benchmark_pairs, overlap_matrix};
 use scanweave::geometry::{Point, RigidMotion};
 use scanweave::registration::MOST_VIOLATION_OF_CORRECT;
 use scanweave::registration::ScanModel;

@@ -1,7 +1,7 @@
 //! Joining of components on synthetic interiors, whose true poses are known.
 
 use scanweave::config::Config;
-use scanweave::evaluation::pose_error::PoseError;
+use scanweave::evaluation::PoseError;
 use scanweave::geometry::{Point, RigidMotion};
 use scanweave::pipeline::{self, Described, FeatureSource, Stopwatch};
 use scanweave::registration::Agglomeration;

@@ -5,7 +5,7 @@ mod cli_common;
 use cli_common::*;
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
-use scanweave::evaluation::recall::{RecallConfig, registration_recall};
+use scanweave::evaluation::{RecallConfig, registration_recall};
 use scanweave::geometry::RigidMotion;
 use scanweave::io;
 use scanweave::scan::ScanId;

@@ -12,8 +12,8 @@ use scanweave::geometry::voxel_means;
 use scanweave::geometry::{Point, RigidMotion};
 use scanweave::geometry::{PointIndex, RadiusGrid};
 use scanweave::io;
-use scanweave::preparation::fragments::{FragmentConfig, Notes, fuse};
-use scanweave::preparation::truth::{GroundTruth, TruthConfig};
+use scanweave::preparation::{FragmentConfig, Notes, fuse};
+use scanweave::preparation::{GroundTruth, TruthConfig};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 

@@ -5,10 +5,10 @@
 mod real_common;
 
 use real_common::data;
-use scanweave::evaluation::dataset::{SetReport, evaluate_scene};
-use scanweave::evaluation::estimate::SceneEstimate;
-use scanweave::evaluation::protocol::Protocol;
-use scanweave::evaluation::scene::{Benchmark, SceneTruth, find_scenes};
+use scanweave::evaluation::Protocol;
+use scanweave::evaluation::SceneEstimate;
+use scanweave::evaluation::{Benchmark, SceneTruth, find_scenes};
+use scanweave::evaluation::{SetReport, evaluate_scene};
 use scanweave::geometry::RigidMotion;
 use scanweave::geometry::motion_from_matrix;
 use std::path::Path;

@@ -13,7 +13,7 @@ use scanweave::geometry::RigidMotion;
 use scanweave::geometry::{motion_from_matrix, rotation_error_rad, translation_error_m};
 use scanweave::scan::{DeclineReason, PairRegistration, PoseEdge, PoseGraph, ScanId};
 use scanweave::synchronization::{LitsWeights, Method, synchronize};
-use scanweave::weight_import::lits::lits;
+use scanweave::weight_import::lits;
 use serde::Deserialize;
 
 #[derive(Deserialize)]

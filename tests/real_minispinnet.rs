@@ -8,7 +8,7 @@ use ndarray::{Array1, Array2, Array3};
 use ndarray_npy::NpzReader;
 use real_common::beside_data;
 use scanweave::descriptor::mini_spin_net::{Network, Patch, Workspace};
-use scanweave::weight_import::mini_spin_net::buffer;
+use scanweave::weight_import::buffer;
 use std::fs::File;
 
 #[test]

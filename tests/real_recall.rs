@@ -6,8 +6,8 @@ mod real_common;
 
 use nalgebra::{DMatrix, Matrix4, Matrix6};
 use real_common::data;
-use scanweave::evaluation::ground_truth::{information_matrix, overlap_matrix, pair_truth};
-use scanweave::evaluation::recall::{RecallConfig, RecallSummary, registration_recall, rmse_m};
+use scanweave::evaluation::{RecallConfig, RecallSummary, registration_recall, rmse_m};
+use scanweave::evaluation::{information_matrix, overlap_matrix, pair_truth};
 use scanweave::geometry::motion_from_matrix;
 use scanweave::geometry::{Point, RigidMotion};
 use scanweave::scan::{PairTruth, ScanId};
@@ -230,7 +230,7 @@ fn overlaps_agree_with_the_published_ones() {
     let difference = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).sum::<f64>() / a.len() as f64;
     let overlapping: Vec<usize> = (0..a.len()).filter(|&k| b[k] > 0.02).collect();
     let pick = |v: &[f64]| overlapping.iter().map(|&k| v[k]).collect::<Vec<_>>();
-    let rho = scanweave::evaluation::retrieval::spearman(&pick(&a), &pick(&b)).unwrap();
+    let rho = scanweave::evaluation::spearman(&pick(&a), &pick(&b)).unwrap();
     eprintln!("{} pairs: mean difference {difference:.4}, Spearman {rho:.3}", a.len());
     assert_eq!(a.len(), 37 * 36 / 2);
     assert!(difference < 0.02 && rho > 0.95, "{difference} {rho}");

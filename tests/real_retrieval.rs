@@ -9,7 +9,7 @@ use scanweave::Silent;
 use scanweave::geometry::Point;
 use scanweave::retrieval::{self, RetrievalConfig};
 use scanweave::scan::{Descriptors, Features};
-use scanweave::weight_import::overlap_head as import;
+use scanweave::weight_import as import;
 
 /// A folder beside the data, or `None` when the variable is unset.
 fn largest_gap(got: &[f32], expected: &[f64]) -> f64 {

@@ -1,7 +1,7 @@
 //! Both strategies on the scans of a synthetic interior, whose true poses are known.
 
 use scanweave::config::{Config, Layers};
-use scanweave::evaluation::pose_error::PoseError;
+use scanweave::evaluation::PoseError;
 use scanweave::geometry::RigidMotion;
 use scanweave::pipeline::{self, Described, FeatureSource, Stopwatch};
 use scanweave::scan::{Outcome, Placement, Reconstruction, Scan, ScanId};

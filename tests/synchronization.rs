@@ -9,7 +9,7 @@ use scanweave::geometry::RigidMotion;
 use scanweave::geometry::{rotation_error_rad, translation_error_m};
 use scanweave::scan::{DeclineReason, Outcome, PoseEdge, PoseGraph, Reconstruction, ScanId};
 use scanweave::synchronization::{Method, synchronize};
-use scanweave::synthetic::pose_graph::{KnownPoseGraph, PoseGraphConfig};
+use scanweave::synthetic::{KnownPoseGraph, PoseGraphConfig};
 
 /// All methods but the learned one, whose answer is never exact.
 const CLOSED_FORM: [Method; 6] =

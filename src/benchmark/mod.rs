@@ -1,24 +1,24 @@
 //! Whole tables from one file: data sets × methods × keypoint counts × seeds.
 //!
-//! A [`Suite`] says what is compared; its [`plan`] lists the cells, each a scene registered by one
+//! A [`Suite`] says what is compared; its `plan` lists the cells, each a scene registered by one
 //! method with one number of keypoints and one seed. [`run`](fn@run) computes the cells that are
-//! not there yet, each into a file of its own; [`table`] sums them up. A run killed at any moment
+//! not there yet, each into a file of its own; `table` sums them up. A run killed at any moment
 //! goes on where it stopped, because a cell's file appears whole or not at all and carries a hash
 //! of everything it depends on.
 
-pub mod cell;
+pub(crate) mod cell;
 mod group;
 mod loaded;
 mod markdown;
-pub mod merge;
-pub mod output;
+pub(crate) mod merge;
+pub(crate) mod output;
 mod page;
-pub mod plan;
+pub(crate) mod plan;
 mod plots;
-pub mod run;
-pub mod suite;
-pub mod table;
-pub mod trust;
+pub(crate) mod run;
+pub(crate) mod suite;
+pub(crate) mod table;
+pub(crate) mod trust;
 
 pub use cell::{Cell, CellKey};
 pub use merge::merge;

@@ -1,6 +1,8 @@
 //! The command line: arguments → typed options → library call → print.
 //! One file a subcommand; `clap`, `anyhow` and printing live only here.
 //! [`main`] is the whole command: `main.rs` and the Python package call it.
+// Docs of arguments are the command's help, where `<scan>` stands for a name.
+#![allow(rustdoc::invalid_html_tags)]
 
 mod benchmark;
 mod completions;

@@ -1,19 +1,33 @@
 //! Evaluation protocols of the literature: registration recall, pose errors, retrieval scores, and
 //! the ground truth they need.
 
-pub mod dataset;
-pub mod diagnosis;
-pub mod estimate;
-pub mod ground_truth;
-pub mod moments;
-pub mod placement;
-pub mod pose_error;
-pub mod protocol;
-pub mod recall;
-pub mod retrieval;
-pub mod retrieval_scores;
-pub mod scene;
-pub mod stated_error;
+pub(crate) mod dataset;
+pub(crate) mod diagnosis;
+pub(crate) mod estimate;
+pub(crate) mod ground_truth;
+pub(crate) mod moments;
+pub(crate) mod placement;
+pub(crate) mod pose_error;
+pub(crate) mod protocol;
+pub(crate) mod recall;
+pub(crate) mod retrieval;
+pub(crate) mod retrieval_scores;
+pub(crate) mod scene;
+pub(crate) mod stated_error;
+
+pub use dataset::*;
+pub use diagnosis::*;
+pub use estimate::*;
+pub use ground_truth::*;
+pub use moments::*;
+pub use placement::*;
+pub use pose_error::*;
+pub use protocol::*;
+pub use recall::*;
+pub use retrieval::*;
+pub use retrieval_scores::*;
+pub use scene::*;
+pub use stated_error::*;
 
 /// Median (mean of the two middle values of an even number), `None` when empty.
 /// `values` may hold infinities but no NaN.

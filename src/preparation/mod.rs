@@ -3,6 +3,10 @@
 //!
 //! Everything written is in the layouts that [`crate::io::read_scene`] reads.
 
-pub mod fragments;
-pub mod sample;
-pub mod truth;
+pub(crate) mod fragments;
+pub(crate) mod sample;
+pub(crate) mod truth;
+
+pub use fragments::{Fragment, FragmentConfig, Notes, fuse, write_fragments};
+pub use sample::{SampleConfig, write_sample};
+pub use truth::{GroundTruth, OVERLAP_RADIUS_VOXELS, TruthConfig};

@@ -1,13 +1,15 @@
 //! Outputs of a run for people and for other programs.
 
-pub mod chart;
-pub mod diagnosis;
-pub mod grid;
-pub mod growth_tree;
-pub mod html;
-pub mod inspect;
+pub(crate) mod chart;
+pub(crate) mod diagnosis;
+pub(crate) mod grid;
+pub(crate) mod growth_tree;
+pub(crate) mod html;
+pub(crate) mod inspect;
 mod markup;
-pub mod protocol;
-pub mod sheet;
-pub mod table;
-pub mod top_view;
+pub(crate) mod protocol;
+pub(crate) mod sheet;
+pub(crate) mod table;
+pub(crate) mod top_view;
+
+pub use html::{Input, MOST_POINTS, PointSource, headline, page};

@@ -57,12 +57,12 @@ pub struct AdversarialSet {
 ///
 /// # Errors
 /// Only when the monitor is cancelled.
-pub fn scans_of(trouble: Trouble, seed: u64, monitor: &dyn Monitor) -> Result<AdversarialSet> {
+pub fn adversarial_scans(trouble: Trouble, seed: u64, monitor: &dyn Monitor) -> Result<AdversarialSet> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut found = Vec::new();
     if trouble == Trouble::NearCopies {
         for copy in 0..2 {
-            let set = ambiguous::scans_of(Place::FurnishedRoom, 2 * seed + copy);
+            let set = ambiguous::ambiguous_scans(Place::FurnishedRoom, 2 * seed + copy);
             let half = set.scans.len().div_ceil(2);
             for (scan, pose) in set.scans.iter().zip(&set.world_from_scan).take(half) {
                 found.push((points(scan), *pose, copy as usize));
@@ -182,7 +182,7 @@ mod tests {
     #[test]
     fn true_poses_bring_scans_of_one_place_onto_each_other() {
         for trouble in Trouble::ALL {
-            let set = scans_of(trouble, 3, &Silent).unwrap();
+            let set = adversarial_scans(trouble, 3, &Silent).unwrap();
             let scans = set.scans.len();
             let expected = match trouble {
                 Trouble::Duplicates => scans == 16 && best(&set).iter().all(|&o| o > 0.99),
@@ -199,7 +199,7 @@ mod tests {
                 Trouble::HalfEmpty => scans == 8 && set.scans.iter().all(|s| s.cloud.len() > 1000),
             };
             assert!(expected, "{trouble:?}: {:?} {:?}", best(&set), set.place);
-            let again = scans_of(trouble, 3, &Silent).unwrap();
+            let again = adversarial_scans(trouble, 3, &Silent).unwrap();
             assert!(set.scans.iter().zip(&again.scans).all(|(a, b)| a.cloud.points == b.cloud.points));
         }
     }

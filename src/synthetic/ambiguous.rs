@@ -143,7 +143,7 @@ struct Sensor {
 }
 
 /// The place of a seed.
-pub fn scans_of(place: Place, seed: u64) -> AmbiguousSet {
+pub fn ambiguous_scans(place: Place, seed: u64) -> AmbiguousSet {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(place as u64);
     let (solids, sensors) = match place {
@@ -283,7 +283,7 @@ mod tests {
     #[test]
     fn true_poses_bring_every_scan_onto_the_solids() {
         for place in Place::ALL {
-            let set = scans_of(place, 3);
+            let set = ambiguous_scans(place, 3);
             for (scan, pose) in set.scans.iter().zip(&set.world_from_scan) {
                 let least = if place == Place::FewPoints { 200 } else { 1000 };
                 assert!(scan.cloud.len() > least, "{place:?}: {}", scan.cloud.len());
@@ -308,7 +308,7 @@ mod tests {
                     assert!(off < 0.03, "{place:?}: {off} at {world}");
                 }
             }
-            assert_eq!(set.scans[0].cloud.points, scans_of(place, 3).scans[0].cloud.points);
+            assert_eq!(set.scans[0].cloud.points, ambiguous_scans(place, 3).scans[0].cloud.points);
         }
     }
 }

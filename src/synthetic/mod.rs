@@ -5,8 +5,8 @@
 //! memory. [`render_depth`] and [`observe`] give single depth images, [`fuse`] joins them.
 //! Everything follows from [`SynthConfig::seed`], whatever the number of threads.
 
-pub mod adversarial;
-pub mod ambiguous;
+pub(crate) mod adversarial;
+pub(crate) mod ambiguous;
 mod building;
 mod camera;
 mod fragment;
@@ -14,7 +14,7 @@ mod furniture;
 mod noise;
 mod pieces;
 mod plan;
-pub mod pose_graph;
+pub(crate) mod pose_graph;
 mod scene;
 mod shape;
 mod walk;
@@ -195,3 +195,7 @@ pub fn generate(config: &SynthConfig, monitor: &dyn Monitor) -> Result<Synthetic
 
 #[cfg(test)]
 mod tests;
+
+pub use adversarial::{AdversarialSet, Trouble, adversarial_scans};
+pub use ambiguous::{AmbiguousSet, Place, ambiguous_scans};
+pub use pose_graph::{KnownPoseGraph, PoseGraphConfig};

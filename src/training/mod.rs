@@ -1,12 +1,12 @@
 //! From a training recipe to training data: posed scans of every kind, through the same stages as
 //! a registration.
 
-pub mod descriptor;
+pub(crate) mod descriptor;
 mod entries;
 mod fragments;
 pub mod mini_spin_net;
 pub mod overlap_head;
-pub mod run_folder;
+pub(crate) mod run_folder;
 mod synthetic_scenes;
 pub mod verifier;
 
@@ -206,3 +206,5 @@ fn described(
 
 #[cfg(test)]
 mod tests;
+
+pub use descriptor::DescriptorRecipe;

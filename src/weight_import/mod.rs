@@ -1,8 +1,8 @@
 //! Weights published by others, in PyTorch's layout.
 
-pub mod lits;
-pub mod mini_spin_net;
-pub mod overlap_head;
+pub(crate) mod lits;
+pub(crate) mod mini_spin_net;
+pub(crate) mod overlap_head;
 
 use crate::{Result, files};
 use burn::store::pytorch_reader::{DType, PytorchReader, Tensor};
@@ -50,3 +50,7 @@ impl Published {
 
 #[cfg(test)]
 mod tests;
+
+pub use lits::lits;
+pub use mini_spin_net::buffer;
+pub use overlap_head::{Publisher, import, imvr, sghr};

@@ -4,8 +4,8 @@ mod content;
 mod tensors;
 mod text;
 
-pub use content::{FeatureContent, FileSize, LeftOut, ResultContent, RunContent, ScanContent};
-pub use tensors::{CheckpointContent, TensorContent};
+pub use content::{FeatureContent, ResultContent, ScanContent};
+pub use tensors::CheckpointContent;
 pub use text::text;
 
 use crate::io::{self, ReadOptions, StoredScan};

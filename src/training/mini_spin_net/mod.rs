@@ -9,7 +9,7 @@
 //! number alone, and all state is in `last.safetensors`: a resumed run gives the same bytes as one
 //! that was never interrupted.
 
-pub mod batch;
+pub(crate) mod batch;
 mod config;
 mod learner;
 mod module;

@@ -150,7 +150,7 @@ impl MiniSpinNet {
     /// # Shapes
     /// - picked `[n · 7 · 20, 3 · point channels, 3]`: for every cell and channel of the point
     ///   layer, shell by shell, the point at which the channel is largest
-    ///   ([`super::batch`] picks it; the maximum passes its gradient to that point alone)
+    ///   (`super::batch` picks it; the maximum passes its gradient to that point alone)
     /// - output `[n, D]`, unit rows
     pub fn forward(&self, picked: Tensor<3>, mode: Mode<'_>) -> (Tensor<2>, Vec<Statistics>) {
         let device = picked.device();

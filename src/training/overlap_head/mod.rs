@@ -14,7 +14,7 @@
 mod batch;
 mod config;
 mod journal;
-pub mod layers;
+pub(crate) mod layers;
 mod learner;
 mod run;
 mod start;

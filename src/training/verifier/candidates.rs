@@ -12,7 +12,7 @@ use crate::registration::{
     score_pairs, unusable, with_aliasing, with_scan_count_prior,
 };
 use crate::scan::{Scan, ScanId};
-use crate::synthetic::ambiguous::scans_of;
+use crate::synthetic::ambiguous_scans;
 use crate::training::PosedScans;
 use crate::training::entries::read_posed;
 use crate::{Error, Result};
@@ -69,7 +69,7 @@ pub fn collect(recipe: &VerifierRecipe, root: &Path, monitor: &dyn Monitor) -> R
     for place in recipe.synthetic_kinds() {
         let mut candidates = Vec::new();
         for &seed in &recipe.synthetic_seeds {
-            let set = scans_of(place, seed);
+            let set = ambiguous_scans(place, seed);
             let name = format!("{} {seed}", place.name());
             let posed = PosedScans { name, scans: set.scans, world_from_scan: set.world_from_scan };
             candidates.extend(candidates_of(&posed, recipe, monitor)?);
