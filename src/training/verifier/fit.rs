@@ -4,7 +4,7 @@ use super::{Candidate, KindCandidates};
 use crate::registration::EvidenceWeights;
 use nalgebra::{DMatrix, DVector};
 
-const N: usize = 10;
+const N: usize = EvidenceWeights::NAMES.len();
 
 /// Weights that minimise
 ///
@@ -17,16 +17,20 @@ const N: usize = 10;
 /// weighing equally, and 1 for the constant. The projected Newton method of Bertsekas (SIAM J. Control
 /// Optim. 20(2), 1982); sums run in the order of the candidates, so that the result is the same to the
 /// last bit for any number of threads.
+///
+/// The weight of the predictor `left_out`, numbered as [`EvidenceWeights::NAMES`], is 0; what it adds in the mean
+/// by the given weights is part of the given constant then.
 pub fn fit<'a>(
     kinds: impl IntoIterator<Item = &'a KindCandidates>,
     given: &EvidenceWeights,
     ridge: f64,
+    left_out: Option<usize>,
 ) -> EvidenceWeights {
     let kinds: Vec<&KindCandidates> = kinds.into_iter().filter(|k| !k.candidates.is_empty()).collect();
     if ridge.is_infinite() || kinds.is_empty() {
         return given.clone();
     }
-    let problem = Problem::new(&kinds, given, ridge);
+    let problem = Problem::new(&kinds, given, ridge, left_out);
     let start = problem.project(problem.given.clone());
     let scaled = problem.minimum(start);
     EvidenceWeights::from_array(std::array::from_fn(|j| scaled[j] / problem.deviation[j]))
@@ -39,10 +43,16 @@ struct Problem<'a> {
     deviation: [f64; N],
     given: DVector<f64>,
     ridge: f64,
+    left_out: Option<usize>,
 }
 
 impl<'a> Problem<'a> {
-    fn new(kinds: &[&'a KindCandidates], given: &EvidenceWeights, ridge: f64) -> Self {
+    fn new(
+        kinds: &[&'a KindCandidates],
+        given: &EvidenceWeights,
+        ridge: f64,
+        left_out: Option<usize>,
+    ) -> Self {
         let mut candidates = Vec::new();
         for kind in kinds {
             let share = 1.0 / (kinds.len() * kind.candidates.len()) as f64;
@@ -55,15 +65,20 @@ impl<'a> Problem<'a> {
             // The constant does not vary, and neither may a predictor.
             if variance > 1e-18 { variance.sqrt() } else { 1.0 }
         });
-        let weights = given.as_array();
+        let mut weights = given.as_array();
+        if let Some(left_out) = left_out {
+            let mean: f64 = candidates.iter().map(|(c, share)| share * c.predictors[left_out]).sum();
+            weights[0] += weights[left_out] * mean;
+            weights[left_out] = 0.0;
+        }
         let given = DVector::from_fn(N, |j, _| weights[j] * deviation[j]);
-        Self { candidates, deviation, given, ridge }
+        Self { candidates, deviation, given, ridge, left_out }
     }
 
     /// The nearest weights with the signs of their meaning.
     fn project(&self, mut w: DVector<f64>) -> DVector<f64> {
-        for (weight, sign) in w.iter_mut().zip(EvidenceWeights::SIGNS) {
-            if *weight * sign < 0.0 {
+        for (j, (weight, sign)) in w.iter_mut().zip(EvidenceWeights::SIGNS).enumerate() {
+            if *weight * sign < 0.0 || Some(j) == self.left_out {
                 *weight = 0.0;
             }
         }
@@ -103,8 +118,11 @@ impl<'a> Problem<'a> {
         let mut value = self.objective(&w);
         for _ in 0..STEPS {
             let (gradient, mut hessian) = self.gradient_and_hessian(&w);
-            let held: Vec<bool> =
-                (0..N).map(|j| w[j] == 0.0 && EvidenceWeights::SIGNS[j] * gradient[j] > 0.0).collect();
+            let held: Vec<bool> = (0..N)
+                .map(|j| {
+                    w[j] == 0.0 && EvidenceWeights::SIGNS[j] * gradient[j] > 0.0 || Some(j) == self.left_out
+                })
+                .collect();
             let mut free = gradient.clone();
             for j in 0..N {
                 if held[j] {

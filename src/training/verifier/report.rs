@@ -5,6 +5,7 @@ use super::{Candidate, KindCandidates, VerifierRecipe};
 use crate::registration::EvidenceWeights;
 use crate::report::chart::{self, Panel, Series};
 use crate::{Error, Result, files};
+use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -66,6 +67,19 @@ pub struct ReliabilityBin {
     pub right: f64,
 }
 
+/// What the left-out kinds lose, or gain, without one predictor.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PredictorRow {
+    /// Name of its weight.
+    pub predictor: String,
+    /// Mean log loss over the kinds, each judged by weights learned from the others without the predictor.
+    pub log_loss: f64,
+    /// All kinds' candidates at a probability of 0.6 and more.
+    pub accepted: Accepted,
+    /// At 0.9 and more.
+    pub sure: Accepted,
+}
+
 /// A trained verifier and its judgement; as JSON it is what is shipped.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct VerifierReport {
@@ -83,6 +97,8 @@ pub struct VerifierReport {
     pub mean_log_loss: [f64; 2],
     /// Reliability of the left-out probabilities.
     pub reliability: Vec<ReliabilityBin>,
+    /// The same without each predictor.
+    pub without_predictor: Vec<PredictorRow>,
     /// How it was trained.
     pub recipe: VerifierRecipe,
 }
@@ -100,12 +116,11 @@ impl VerifierReport {
 
     /// Fits weights to all kinds, and for each to all others.
     pub(super) fn new(recipe: &VerifierRecipe, kinds: &[KindCandidates]) -> Self {
-        let weights = rounded(&fit(kinds, &recipe.given, recipe.ridge));
+        let weights = rounded(&fit(kinds, &recipe.given, recipe.ridge, None));
         let mut rows = Vec::new();
         let mut left_out_probabilities: Vec<(f64, bool)> = Vec::new();
         for (at, kind) in kinds.iter().enumerate() {
-            let others = kinds.iter().enumerate().filter(|k| k.0 != at).map(|k| k.1);
-            let without = fit(others, &recipe.given, recipe.ridge);
+            let without = fitted_without(recipe, kinds, at, None);
             left_out_probabilities
                 .extend(kind.candidates.iter().map(|c| (probability(log_odds(&without, c)), c.right)));
             rows.push(KindRow {
@@ -130,6 +145,10 @@ impl VerifierReport {
             mean_log_loss: [mean(|r| r.given), mean(|r| r.left_out)],
             kinds: rows,
             reliability: reliability(&left_out_probabilities),
+            without_predictor: (1..EvidenceWeights::NAMES.len())
+                .into_par_iter()
+                .map(|predictor| PredictorRow::new(recipe, kinds, predictor))
+                .collect(),
             recipe: recipe.clone(),
         }
     }
@@ -182,6 +201,15 @@ impl VerifierReport {
             let _ =
                 writeln!(text, "{range:>10} {:>10} {:>8.3} {:>8.3}", bin.candidates, bin.stated, bin.right);
         }
+        let _ = writeln!(
+            text,
+            "\nwithout each predictor, kinds left out\n{:22} {:>9} {:>13} {:>13}",
+            "predictor", "log loss", "p >= 0.6", "p >= 0.9"
+        );
+        for row in &self.without_predictor {
+            let [accepted, sure] = [row.accepted, row.sure].map(|a| format!("{}/{}", a.right, a.wrong));
+            let _ = writeln!(text, "{:22} {:>9.3} {accepted:>13} {sure:>13}", row.predictor, row.log_loss);
+        }
         let _ = writeln!(text, "\n{:22} {:>9} {:>9}", "weight", "given", "learned");
         let weights = self.given.as_array().into_iter().zip(self.weights.as_array());
         for (name, (given, learned)) in EvidenceWeights::NAMES.into_iter().zip(weights) {
@@ -228,6 +256,41 @@ impl VerifierReport {
                 ),
             ],
             y_most: 1.0,
+        }
+    }
+}
+
+/// Weights by all kinds but that at `at`, and without the predictor `left_out`.
+fn fitted_without(
+    recipe: &VerifierRecipe,
+    kinds: &[KindCandidates],
+    at: usize,
+    left_out: Option<usize>,
+) -> EvidenceWeights {
+    let others = kinds.iter().enumerate().filter(|k| k.0 != at).map(|k| k.1);
+    fit(others, &recipe.given, recipe.ridge, left_out)
+}
+
+impl PredictorRow {
+    fn new(recipe: &VerifierRecipe, kinds: &[KindCandidates], predictor: usize) -> Self {
+        let judged: Vec<Judgement> = kinds
+            .iter()
+            .enumerate()
+            .filter_map(|(at, kind)| {
+                judge(&kind.candidates, &fitted_without(recipe, kinds, at, Some(predictor)))
+            })
+            .collect();
+        let sum = |of: fn(&Judgement) -> Accepted| {
+            judged.iter().map(of).fold(Accepted::default(), |sum, a| Accepted {
+                right: sum.right + a.right,
+                wrong: sum.wrong + a.wrong,
+            })
+        };
+        Self {
+            predictor: EvidenceWeights::NAMES[predictor].to_owned(),
+            log_loss: judged.iter().map(|j| j.log_loss).sum::<f64>() / judged.len().max(1) as f64,
+            accepted: sum(|j| j.accepted),
+            sure: sum(|j| j.sure),
         }
     }
 }

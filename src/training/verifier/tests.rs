@@ -38,10 +38,10 @@ fn largest_difference(a: &EvidenceWeights, b: &EvidenceWeights) -> f64 {
 fn simulated_weights_are_found_again_without_a_ridge() {
     let kinds =
         [kind("a", simulated(&weights(), 1, 20_000, 0.0)), kind("b", simulated(&weights(), 2, 20_000, -1.5))];
-    let found = fit(&kinds, &EvidenceWeights::from_array([0.0; 10]), 0.0);
+    let found = fit(&kinds, &EvidenceWeights::from_array([0.0; 10]), 0.0, None);
     assert!(largest_difference(&found, &weights()) < 0.07, "{found:?}");
     // Where it starts from makes no difference, as the problem is convex.
-    let from_elsewhere = fit(&kinds, &weights(), 0.0);
+    let from_elsewhere = fit(&kinds, &weights(), 0.0, None);
     assert!(largest_difference(&found, &from_elsewhere) < 1e-6, "{found:?} {from_elsewhere:?}");
 }
 
@@ -56,7 +56,7 @@ fn kinds_weigh_equally() {
         labels.map(|right| Candidate { predictors, offset: -0.7, right }).collect::<Vec<_>>()
     };
     let kinds = [kind("large", of(200, 800)), kind("small", of(3, 2)), kind("empty", Vec::new())];
-    let found = fit(&kinds, &EvidenceWeights::from_array([0.0; 10]), 0.0);
+    let found = fit(&kinds, &EvidenceWeights::from_array([0.0; 10]), 0.0, None);
     let expected = (0.4f64 / 0.6).ln() + 0.7;
     assert!((found.constant - expected).abs() < 1e-8, "{} {expected}", found.constant);
 }
@@ -67,7 +67,7 @@ fn no_weight_has_the_wrong_sign_whatever_the_candidates_say() {
     (contrary.overlap, contrary.plane_residual) = (-0.5, 1.2);
     let kinds = [kind("a", simulated(&contrary, 3, 20_000, 0.0))];
     let given = EvidenceWeights::from_array([0.0; 10]);
-    let found = fit(&kinds, &given, 0.0);
+    let found = fit(&kinds, &given, 0.0, None);
     assert_eq!([found.overlap, found.plane_residual], [0.0, 0.0]);
     for ((weight, sign), name) in
         found.as_array().into_iter().zip(EvidenceWeights::SIGNS).zip(EvidenceWeights::NAMES)
@@ -84,16 +84,35 @@ fn no_weight_has_the_wrong_sign_whatever_the_candidates_say() {
             c
         })
         .collect();
-    let free = fit(&[kind("a", without)], &given, 0.0);
+    let free = fit(&[kind("a", without)], &given, 0.0, None);
     assert!(largest_difference(&found, &free) < 1e-6, "{found:?} {free:?}");
+}
+
+/// As if the predictor were not there; a strong ridge keeps the given weights, and what the predictor adds
+/// by them in the mean goes into the constant.
+#[test]
+fn a_predictor_that_is_left_out_has_no_say() {
+    let candidates = simulated(&weights(), 5, 5000, 0.0);
+    let mean = candidates.iter().map(|c| c.predictors[3]).sum::<f64>() / 5000.0;
+    let blind = candidates.iter().cloned().map(|mut c| {
+        c.predictors[3] = 0.0;
+        c
+    });
+    let blind = fit(&[kind("a", blind.collect())], &EvidenceWeights::from_array([0.0; 10]), 0.0, None);
+    let kinds = [kind("a", candidates)];
+    let found = fit(&kinds, &EvidenceWeights::from_array([0.0; 10]), 0.0, Some(3));
+    assert_eq!(found.normal_agreement, 0.0);
+    assert!(largest_difference(&found, &blind) < 1e-6, "{found:?} {blind:?}");
+    let kept = fit(&kinds, &weights(), 1e6, Some(3)).constant;
+    assert!((kept - (-0.5 + mean)).abs() < 1e-5, "{kept} {mean}");
 }
 
 #[test]
 fn a_ridge_draws_to_the_given_weights() {
     let kinds = [kind("a", simulated(&weights(), 4, 2000, 0.0))];
     let given = EvidenceWeights::from_array([0.3, 0.1, 2.0, 0.0, -3.0, 1.0, -0.1, 1.4, 0.0, -2.0]);
-    assert_eq!(fit(&kinds, &given, f64::INFINITY), given);
-    let off = |ridge: f64| largest_difference(&fit(&kinds, &given, ridge), &given);
+    assert_eq!(fit(&kinds, &given, f64::INFINITY, None), given);
+    let off = |ridge: f64| largest_difference(&fit(&kinds, &given, ridge, None), &given);
     let offs = [off(0.0), off(0.1), off(1.0), off(1e6)];
     assert!(offs.windows(2).all(|w| w[1] < w[0]) && offs[3] < 1e-5, "{offs:?}");
 }
