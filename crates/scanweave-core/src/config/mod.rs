@@ -115,7 +115,15 @@ impl OutputConfig {
     }
 }
 
-/// All settings of a registration.
+/// All settings of a registration: a default or a preset, of which fields are changed.
+///
+/// ```
+/// let mut config = scanweave_core::Config::default();
+/// config.seed = 7;
+/// config.descriptor.keypoints.count = 1000;
+/// config.validate()?;
+/// # Ok::<(), scanweave_core::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 #[non_exhaustive]
