@@ -1,9 +1,7 @@
 //! `scanweave demo`.
 
-use super::export::ExportOptions;
 use super::options::{SettingOptions, ThreadOption};
 use super::progress::Progress;
-use super::result_folder::ResultFolder;
 use super::synth::SceneOptions;
 use super::{Status, Verbosity, outcome, terminal};
 use clap::Args;
@@ -12,6 +10,7 @@ use scanweave::pipeline::{self, FeatureSource, Stopwatch};
 use scanweave::report::top_view;
 use scanweave::result::merged::MergedCloud;
 use scanweave::result::{self, run};
+use scanweave::result_folder::{Exports, ResultFolder};
 use scanweave::scan::{Reconstruction, ScanId};
 use scanweave::synthetic::{self, SyntheticSet};
 use scanweave::{io, report};
@@ -84,7 +83,7 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
         ))?;
     }
     if let Some(folder) = folder {
-        let exports = ExportOptions::default();
+        let exports = Exports::default();
         folder.write(&set.scans, &run, &config, &exports, Stopwatch::default(), &progress)?;
         let cloud = MergedCloud::new(&set.scans, &run.reconstruction, 0, run.scale.voxel_m as f32);
         let picture = top_view::svg(&cloud, set.scans.len());

@@ -1,13 +1,12 @@
 //! `scanweave report`.
 
-use super::evaluate_truth::against_truth;
 use super::options::ThreadOption;
 use super::progress::Progress;
-use super::result_folder::{CONFIG, OVERLAP, PAGE, PROTOCOL, REPORT, load_poses_for_pages, merged_files};
 use super::{Status, Verbosity, terminal};
 use clap::Args;
 use rayon::prelude::*;
 use scanweave::config::{Config, Layers};
+use scanweave::evaluation::truth::against_truth;
 use scanweave::geometry::Point;
 use scanweave::io::ReadOptions;
 use scanweave::output_folder::FolderLock;
@@ -17,6 +16,7 @@ use scanweave::report::{html, protocol};
 use scanweave::result::poses::{Document, Entry};
 use scanweave::result::run::RunReport;
 use scanweave::result::{merged, overlaps};
+use scanweave::result_folder::{CONFIG, OVERLAP, PAGE, PROTOCOL, REPORT, load_poses_for_pages, merged_files};
 use scanweave::scan::{PointCloud, Reconstruction, Scan, ScanId, Surface};
 use scanweave::{Error, Monitor, io};
 use std::collections::{BTreeMap, BTreeSet};

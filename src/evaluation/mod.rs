@@ -14,6 +14,7 @@ pub mod retrieval;
 pub mod retrieval_scores;
 pub mod scene;
 pub mod stated_error;
+pub mod truth;
 
 /// Median (mean of the two middle values of an even number), `None` when empty.
 /// `values` may hold infinities but no NaN.

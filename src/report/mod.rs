@@ -8,6 +8,7 @@ pub mod html;
 pub mod inspect;
 mod markup;
 pub mod protocol;
+pub mod remarks;
 pub mod sheet;
 pub mod table;
 pub mod top_view;
