@@ -21,8 +21,8 @@ $(wc -l <<<"$without_training") of them without training"
 
 # A room offers flat names; its files are private. Modules that programs can name, beside the two crates themselves:
 public="$(grep -rhE '^ *pub mod ' crates/scanweave-core/src | wc -l) $(grep -rhE '^ *pub mod ' src | wc -l)"
-if [[ "$public" != "14 12" ]]; then
-    echo "public modules: found $public in the core and the root, expected 14 12 (ARCHITECTURE.md, \"Layers of the core\")" >&2
+if [[ "$public" != "14 14" ]]; then
+    echo "public modules: found $public in the core and the root, expected 14 14 (ARCHITECTURE.md, \"Layers of the core\")" >&2
     exit 1
 fi
 

@@ -29,6 +29,7 @@ pub mod evaluation;
 pub mod fusion;
 pub mod preparation;
 pub mod report;
+pub mod result_folder;
 pub mod synthetic;
 #[cfg(feature = "training")]
 pub mod training;

@@ -1,20 +1,19 @@
 //! `scanweave demo`.
 
-use super::export::ExportOptions;
 use super::options::{SettingOptions, ThreadOption};
 use super::progress::Progress;
-use super::result_folder::ResultFolder;
 use super::synth::SceneOptions;
 use super::{Status, Verbosity, outcome, terminal};
 use clap::Args;
 use scanweave::evaluation::pose_error::PoseError;
-use scanweave::files;
 use scanweave::pipeline::{self, FeatureSource, Stopwatch};
-use scanweave::report;
 use scanweave::report::top_view;
-use scanweave::result::{self, MergedCloud};
+use scanweave::result;
+use scanweave::result::MergedCloud;
+use scanweave::result_folder::{Exports, ResultFolder};
 use scanweave::scan::{Reconstruction, ScanId};
 use scanweave::synthetic::{self, SyntheticSet};
+use scanweave::{files, report};
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -84,7 +83,7 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
         ))?;
     }
     if let Some(folder) = folder {
-        let exports = ExportOptions::default();
+        let exports = Exports::default();
         folder.write(&set.scans, &run, &config, &exports, Stopwatch::default(), &progress)?;
         let cloud = MergedCloud::new(&set.scans, &run.reconstruction, 0, run.scale.voxel_m as f32);
         let picture = top_view::svg(&cloud, set.scans.len());

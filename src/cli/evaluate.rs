@@ -2,20 +2,19 @@
 
 use super::evaluate_page::{self, OneResult, Wanted};
 use super::evaluate_text::{Judgement, Report, print};
-use super::evaluate_truth::Truth;
-use super::result_folder::load_poses;
 use super::{Status, Verbosity, evaluate_set, terminal};
 use anyhow::Context;
 use clap::Args;
+use scanweave::Error;
 use scanweave::evaluation::placement::{Limits, PlacementReport};
 use scanweave::evaluation::pose_error::{PoseReport, evaluate_against_truth};
 use scanweave::evaluation::protocol::Protocol;
-use scanweave::evaluation::recall::{RecallConfig, RecallReport, registration_recall};
+use scanweave::evaluation::recall::RecallConfig;
 use scanweave::evaluation::stated_error::StatedErrorReport;
-use scanweave::result::Document;
+use scanweave::evaluation::truth::{Truth, benchmark_recall};
 use scanweave::result::RunReport;
-use scanweave::scan::{Reconstruction, ScanId};
-use scanweave::{Error, io};
+use scanweave::result_folder::load_poses;
+use scanweave::scan::Reconstruction;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -145,7 +144,7 @@ fn one(arguments: &Arguments, truth_folder: &Path, verbosity: &Verbosity) -> any
     };
     let mut benchmarks = BTreeMap::new();
     for folder in &arguments.benchmarks {
-        let report = recall(folder, &document, &reconstruction, &config)?;
+        let report = benchmark_recall(folder, &document, &reconstruction, &config)?;
         benchmarks.insert(folder.display().to_string(), report);
     }
     let declined = document.scans.iter().zip(&reconstruction.outcomes);
@@ -202,37 +201,4 @@ fn judge(
     let stated_error =
         StatedErrorReport::new(reconstruction, &truth.world_from_scan, |scan| placement.is_wrong(scan));
     Ok(Some(Judgement { radii_stated: arguments.max_translation.is_none(), placement, stated_error }))
-}
-
-/// Recall on one benchmark, whose ids are the numbers at the end of the scans' names.
-fn recall(
-    folder: &Path,
-    document: &Document,
-    reconstruction: &Reconstruction,
-    config: &RecallConfig,
-) -> Result<RecallReport, Error> {
-    let benchmark = io::read_benchmark(folder)?;
-    let numbered: BTreeMap<usize, ScanId> = document
-        .scans
-        .iter()
-        .filter_map(|entry| Some((trailing_number(&entry.name)?, ScanId(entry.id))))
-        .collect();
-    if let Some(pair) =
-        benchmark.pairs.iter().find(|p| !numbered.contains_key(&p.i.0) || !numbered.contains_key(&p.j.0))
-    {
-        return Err(Error::file(
-            folder.join("gt.log"),
-            format!("the pair {} {}", pair.i, pair.j),
-            format!("numbers of the {} scans of the result", document.scans.len()),
-            "register all scans of the scene, or name the benchmark of this scene",
-        ));
-    }
-    let relative =
-        |i: ScanId, j: ScanId| reconstruction.relative_in_component(numbered[&i.0], numbered[&j.0]);
-    registration_recall(&benchmark.pairs, relative, config)
-}
-
-fn trailing_number(name: &str) -> Option<usize> {
-    let digits = name.bytes().rev().take_while(u8::is_ascii_digit).count();
-    name[name.len() - digits..].parse().ok()
 }

@@ -3,7 +3,6 @@
 use super::export::ExportOptions;
 use super::options::{PriorOptions, ReadingOptions, SettingOptions, ThreadOption, word};
 use super::progress::Progress;
-use super::result_folder::ResultFolder;
 use super::{Status, Verbosity, outcome, terminal};
 use clap::Args;
 use scanweave::Error;
@@ -11,6 +10,7 @@ use scanweave::config::{Config, Method};
 use scanweave::descriptor::DescriptorKind;
 use scanweave::files::is_within;
 use scanweave::pipeline::{self, FeatureSource, PairCache, Stopwatch};
+use scanweave::result_folder::ResultFolder;
 use scanweave::synchronization::GraphKind;
 use std::path::{Path, PathBuf};
 
@@ -96,7 +96,7 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
         if config.output.feature_cache { PairCache::in_folder(&cache) } else { PairCache::in_memory() };
     let run = pipeline::run_with_pairs(&scans, &config, &source, &pairs, &progress)?;
     outcome::warn(&run, &scans);
-    let written = folder.write(&scans, &run, &config, &arguments.exports, clock, &progress)?;
+    let written = folder.write(&scans, &run, &config, &arguments.exports.exports(), clock, &progress)?;
 
     if arguments.json {
         terminal::print_json(&written.to_json(folder.path()))?;

@@ -1,20 +1,21 @@
 //! `scanweave report`.
 
-use super::evaluate_truth::against_truth;
 use super::options::ThreadOption;
 use super::progress::Progress;
-use super::result_folder::{CONFIG, OVERLAP, PAGE, PROTOCOL, REPORT, load_poses_for_pages, merged_files};
 use super::{Status, Verbosity, terminal};
 use clap::Args;
 use rayon::prelude::*;
 use scanweave::config::{Config, Layers};
+use scanweave::evaluation::truth::against_truth;
 use scanweave::files::{self, FolderLock};
 use scanweave::geometry::Point;
 use scanweave::io::ReadOptions;
 use scanweave::preprocessing::localize;
 use scanweave::report::html::PointSource;
 use scanweave::report::{html, protocol};
-use scanweave::result::{self, Document, Entry, RunReport};
+use scanweave::result::{self, RunReport};
+use scanweave::result::{Document, Entry};
+use scanweave::result_folder::{CONFIG, OVERLAP, PAGE, PROTOCOL, REPORT, load_poses_for_pages, merged_files};
 use scanweave::scan::{PointCloud, Reconstruction, Scan, ScanId, Surface};
 use scanweave::{Error, Monitor, io};
 use std::collections::{BTreeMap, BTreeSet};

@@ -14,6 +14,7 @@ pub(crate) mod retrieval;
 pub(crate) mod retrieval_scores;
 pub(crate) mod scene;
 pub(crate) mod stated_error;
+pub(crate) mod truth;
 
 pub use dataset::*;
 pub use diagnosis::*;
@@ -28,6 +29,7 @@ pub use retrieval::*;
 pub use retrieval_scores::*;
 pub use scene::*;
 pub use stated_error::*;
+pub use truth::*;
 
 /// Median (mean of the two middle values of an even number), `None` when empty.
 /// `values` may hold infinities but no NaN.

@@ -8,6 +8,7 @@ pub(crate) mod html;
 pub(crate) mod inspect;
 mod markup;
 pub(crate) mod protocol;
+pub mod remarks;
 pub(crate) mod sheet;
 pub(crate) mod table;
 pub(crate) mod top_view;

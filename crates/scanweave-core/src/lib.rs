@@ -52,5 +52,5 @@ pub use error::{Error, ErrorKind, Result};
 pub use monitor::{Monitor, Silent};
 /// Appears in signatures: motions, points and matrices are its.
 pub use nalgebra;
-pub use register::{RegisteredPair, register, register_pair};
+pub use register::{RegisteredPair, register, register_pair, register_pair_with};
 pub use scan::{PointCloud, Reconstruction, Scan};

@@ -3,7 +3,7 @@
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
-use crate::monitor::Silent;
+use crate::monitor::{Monitor, Silent};
 use crate::pipeline::{self, FeatureSource};
 use crate::registration::agglomerative::pairs::PairScorer;
 use crate::registration::scan_model::ScanModel;
@@ -73,6 +73,19 @@ pub struct RegisteredPair {
 /// # Ok::<(), scanweave_core::Error>(())
 /// ```
 pub fn register_pair(target: &Scan, source: &Scan, config: &Config) -> Result<RegisteredPair> {
+    register_pair_with(target, source, config, &Silent)
+}
+
+/// [`register_pair`], which reports progress and can be stopped.
+///
+/// # Errors
+/// As [`register_pair`], or the user asked to stop.
+pub fn register_pair_with(
+    target: &Scan,
+    source: &Scan,
+    config: &Config,
+    monitor: &dyn Monitor,
+) -> Result<RegisteredPair> {
     config.validate()?;
     let Some(settings) = config.registration.verification.surfaces() else {
         return Err(Error::setting(
@@ -83,7 +96,7 @@ pub fn register_pair(target: &Scan, source: &Scan, config: &Config) -> Result<Re
         ));
     };
     let scans = [target.clone(), source.clone()];
-    let described = pipeline::describe(&scans, config, &FeatureSource::Computed, &Silent)?;
+    let described = pipeline::describe(&scans, config, &FeatureSource::Computed, monitor)?;
     let radius_m = described.scale.inlier_radius_m;
     let [target_from_local, source_from_local] = [0, 1].map(|k: usize| described.frames[k]);
     let scans = described.features.iter().zip(&described.surfaces);
@@ -103,7 +116,7 @@ pub fn register_pair(target: &Scan, source: &Scan, config: &Config) -> Result<Re
         scans.iter().map(|s| ScanModel::new(s.surface, radius_m as f32, &config.registration)).collect();
     let verifier = Verifier::new(&models, settings, radius_m);
     let scorer = PairScorer::new(&scans, &config.registration.estimator, config.seed);
-    let found = scorer.register(&[(ScanId(0), ScanId(1))], &verifier, &Silent)?;
+    let found = scorer.register(&[(ScanId(0), ScanId(1))], &verifier, monitor)?;
     let Some(best) = found.first().and_then(|pair| pair.hypotheses.first()) else {
         let (inliers, matches) = (0, 0);
         let reason = DeclineReason::TooFewInliers { inliers, needed: settings.min_inliers, matches };

@@ -1,6 +1,6 @@
 //! Scans as they come from files.
 
-use super::assemble::{NO_COLORS, assemble};
+use super::assemble::{Attributes, NO_COLORS, assemble, assemble_with};
 use crate::error::{Error, Result};
 use crate::geometry::{Direction, Point, RigidMotion};
 use nalgebra::Vector3;
@@ -157,6 +157,21 @@ impl Scan {
         Ok(Self { name, cloud, ..Self::default() })
     }
 
+    /// [`from_points`](Self::from_points) of `rows` points that are read on demand, wherever and in whatever
+    /// precision a program keeps them; with them, where they are known, an sRGB colour and a normal a point.
+    /// Normals are kept with the scan; a registration estimates its own.
+    pub fn from_rows(
+        name: impl Into<String>,
+        rows: usize,
+        xyz_m: impl Fn(usize) -> [f64; 3],
+        rgb: Option<&dyn Fn(usize) -> [u8; 3]>,
+        normal: Option<&dyn Fn(usize) -> [f32; 3]>,
+    ) -> Self {
+        let mut cloud = assemble_with(rows, xyz_m, &Attributes { rgb, normal, intensity: None }, None);
+        cloud.drop_strays();
+        Self { name: name.into(), cloud, ..Self::default() }
+    }
+
     /// The same scan seen from where the sensor stood, in the coordinates of the points, metres.
     pub fn with_viewpoint(mut self, viewpoint_m: [f64; 3]) -> Self {
         self.cloud.set_viewpoint(viewpoint_m.into());
@@ -186,6 +201,17 @@ mod tests {
         assert_eq!((kept.colors, kept.viewpoint, kept.dropped_rows), (Some(vec![[1; 3], [3; 3]]), None, 3));
         let far = scaled(&PointCloud { origin_m: Vector3::new(1e306, 0.0, 0.0), ..cloud });
         assert_eq!((far.len(), far.origin_m, far.dropped_rows), (0, Vector3::zeros(), 5));
+    }
+
+    #[test]
+    fn rows_are_the_points_and_what_is_known_of_each_stays_with_it() {
+        let points = [[0.5, 0.0, 0.0], [0.0, f64::INFINITY, 0.0], [0.0, 0.5, 0.25]];
+        let normals = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let (rgb, normal) = (|i: usize| [i as u8; 3], |i: usize| normals[i]);
+        let scan = Scan::from_rows("a", 3, |i| points[i], Some(&rgb), Some(&normal));
+        assert_eq!(scan.cloud.points, Scan::from_points("a", &points).cloud.points);
+        assert_eq!((scan.cloud.colors, scan.cloud.dropped_rows), (Some(vec![[0; 3], [2; 3]]), 1));
+        assert_eq!(scan.cloud.normals, Some(vec![Direction::x(), Direction::z()]));
     }
 
     #[test]

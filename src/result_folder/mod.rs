@@ -1,30 +1,38 @@
-//! The output folder of a registration.
+//! The output folder of a registration: what `scanweave register` and the Python package write.
 
-use super::export::{self, ExportOptions};
-use scanweave::config::Config;
-use scanweave::files::{self, FolderLock, is_same_place};
-use scanweave::geometry::RigidMotion;
-use scanweave::pipeline::{Run, Stopwatch};
-use scanweave::report::{html, protocol};
-use scanweave::result::{self, Document, MergedCloud, RunIdentity, RunReport, ScanSize};
-use scanweave::scan::{PointCloud, Scan, ScanId};
-use scanweave::{Error, Monitor, Result, io};
+mod exports;
+
+pub use exports::{Exports, GraphFormat, Registration, TrajectoryFormat};
+
+use crate::config::Config;
+use crate::files::{self, FolderLock, is_same_place};
+use crate::geometry::RigidMotion;
+use crate::pipeline::{Run, Stopwatch};
+use crate::report::{html, protocol};
+use crate::result::{self, Document, MergedCloud, RunIdentity, RunReport, ScanSize};
+use crate::scan::{PointCloud, Scan, ScanId};
+use crate::{Error, Monitor, Result, io};
 use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Written last: a folder that has it holds a whole result.
 pub const POSES: &str = "poses.json";
-/// Other files of a result.
+/// The effective settings.
 pub const CONFIG: &str = "config.toml";
+/// Predicted and verified overlap of every pair.
 pub const OVERLAP: &str = "overlap.csv";
+/// Evidence, sizes and times.
 pub const REPORT: &str = "report.json";
+/// The result as a page.
 pub const PAGE: &str = "report.html";
+/// The result as a page to print and sign.
 pub const PROTOCOL: &str = "registration.html";
 
 const STAGE: &str = "writing the result";
 
 /// A folder that is, or is going to be, a result.
+#[derive(Debug)]
 pub struct ResultFolder {
     path: PathBuf,
     /// Other runs are kept out for as long as this value lives.
@@ -32,13 +40,19 @@ pub struct ResultFolder {
 }
 
 /// The documents of a finished result.
+#[derive(Debug)]
 pub struct Written {
+    /// `poses.json`.
     pub poses: Document,
+    /// `report.json`.
     pub report: RunReport,
 }
 
 impl ResultFolder {
     /// Makes the folder and locks it, before hours are spent.
+    ///
+    /// # Errors
+    /// [`Error::OutputExists`] without `force` where it holds a result, [`Error::OutputInUse`], [`Error::Write`].
     pub fn open(path: &Path, force: bool) -> Result<Self> {
         // Before anything is looked for: another run may be about to write it.
         let lock = FolderLock::take(path)?;
@@ -54,10 +68,13 @@ impl ResultFolder {
     }
 
     /// Declines scans that this run would write over, or remove as files of an older result.
+    ///
+    /// # Errors
+    /// [`Error::File`] for the first of them.
     pub fn refuse_inputs(&self, scans: &[Scan]) -> Result<()> {
         let of_component = |c| {
             let clouds = [("trajectory", "log"), ("merged", "ply")].map(|(s, e)| numbered(s, c, e));
-            clouds.into_iter().chain(export::files(c))
+            clouds.into_iter().chain(exports::files(c))
         };
         let own: BTreeSet<String> = (0..=scans.len())
             .flat_map(of_component)
@@ -85,13 +102,16 @@ impl ResultFolder {
     }
 
     /// Writes everything into a hidden folder beside the old result, and then puts it in its place,
-    /// poses.json last: until the new result is whole, the old one is.
+    /// poses.json last: until the new result is whole, the old one is. `clock` has the stages before the run.
+    ///
+    /// # Errors
+    /// [`Error::Write`], or the user asked to stop.
     pub fn write(
         &self,
         scans: &[Scan],
         run: &Run,
         config: &Config,
-        exports: &ExportOptions,
+        exports: &Exports,
         clock: Stopwatch,
         monitor: &dyn Monitor,
     ) -> Result<Written> {
@@ -115,7 +135,7 @@ impl ResultFolder {
         };
         // Files for other programs go first, and only with a result: without one, an images.txt is not ours.
         if self.path.join(POSES).exists() {
-            remove_each(0, &export::files, &remove)?;
+            remove_each(0, &exports::files, &remove)?;
         }
         remove(POSES)?;
         let of_component =
@@ -134,7 +154,7 @@ struct NewResult<'a> {
 }
 
 impl NewResult<'_> {
-    fn write(&self, exports: &ExportOptions, mut clock: Stopwatch) -> Result<Written> {
+    fn write(&self, exports: &Exports, mut clock: Stopwatch) -> Result<Written> {
         let Self { place, scans, run, config, monitor } = *self;
         monitor.check(STAGE)?;
         clock.stages.extend(run.timings.iter().cloned());
@@ -144,7 +164,7 @@ impl NewResult<'_> {
         clock.time("writing", || -> Result<()> {
             let clouds = self.write_clouds(&id)?;
             self.write_overlaps(&poses)?;
-            let registration = export::Registration {
+            let registration = Registration {
                 inlier_radius_m: run.scale.inlier_radius_m,
                 pose_graph: run.pose_graph.as_ref(),
             };
@@ -167,18 +187,7 @@ impl NewResult<'_> {
     fn write_pages(&self, poses: &Document, report: &RunReport, settings: &str) -> Result<()> {
         let Self { scans, run, config, monitor, .. } = *self;
         monitor.check(STAGE)?;
-        let clouds: Vec<&PointCloud> = scans.iter().map(|s| &s.cloud).collect();
-        let page = html::page(&html::Input {
-            poses,
-            run: report,
-            config: settings,
-            similarity: Some(&run.similarity),
-            clouds: &clouds,
-            sources: &vec![html::PointSource::Scan; scans.len()],
-            surfaces: &run.surfaces,
-            frames: &run.frames,
-            truth: None,
-        })?;
+        let page = html_page(scans, run, poses, report, settings)?;
         monitor.check(STAGE)?;
         self.write_text(PAGE, &page)?;
         let reference = config.output.reference.as_deref();
@@ -242,6 +251,9 @@ impl Written {
 }
 
 /// The `poses.json` of a result, which is declined where its folder holds files of another run too.
+///
+/// # Errors
+/// [`Error::File`] for a folder without a whole result or with files of several, [`Error::Read`].
 pub fn load_poses(folder: &Path) -> Result<Document> {
     let poses = load_poses_for_pages(folder)?;
     result::check_pages(&poses, folder, &[PAGE, PROTOCOL])?;
@@ -249,6 +261,9 @@ pub fn load_poses(folder: &Path) -> Result<Document> {
 }
 
 /// [`load_poses`] whatever the pages show, which are made anew.
+///
+/// # Errors
+/// As [`load_poses`].
 pub fn load_poses_for_pages(folder: &Path) -> Result<Document> {
     let is_there = |name: &&str| folder.join(name).exists();
     if let (false, Some(name)) = (is_there(&POSES), [OVERLAP, REPORT, PAGE].iter().find(|n| is_there(n))) {
@@ -291,6 +306,38 @@ pub fn numbered(stem: &str, component: usize, extension: &str) -> String {
         0 => format!("{stem}.{extension}"),
         n => format!("{stem}_{n}.{extension}"),
     }
+}
+
+/// The page of a registration that is not written into a folder.
+///
+/// # Errors
+/// Settings that TOML has no spelling for.
+pub fn page(scans: &[Scan], run: &Run, config: &Config) -> Result<String> {
+    let poses = Document::new(scans, &run.reconstruction, run.scale.inlier_radius_m);
+    let clock = Stopwatch { stages: run.timings.clone() };
+    let report = report(scans, run, config, &poses, clock);
+    html_page(scans, run, &poses, &report, &config.to_toml()?)
+}
+
+fn html_page(
+    scans: &[Scan],
+    run: &Run,
+    poses: &Document,
+    report: &RunReport,
+    settings: &str,
+) -> Result<String> {
+    let clouds: Vec<&PointCloud> = scans.iter().map(|s| &s.cloud).collect();
+    html::page(&html::Input {
+        poses,
+        run: report,
+        config: settings,
+        similarity: Some(&run.similarity),
+        clouds: &clouds,
+        sources: &vec![html::PointSource::Scan; scans.len()],
+        surfaces: &run.surfaces,
+        frames: &run.frames,
+        truth: None,
+    })
 }
 
 fn placed_in(run: &Run, component: usize) -> impl Iterator<Item = (ScanId, RigidMotion)> {

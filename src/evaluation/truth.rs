@@ -1,14 +1,16 @@
 //! The true poses that a result is compared with.
 
-use scanweave::evaluation::pose_error::{PoseReport, evaluate_against_truth, stated_centre};
-use scanweave::geometry::{Point, RigidMotion};
-use scanweave::result::Document;
-use scanweave::scan::{PointCloud, Reconstruction};
-use scanweave::{Error, io};
+use super::pose_error::{PoseReport, evaluate_against_truth, stated_centre};
+use super::recall::{RecallConfig, RecallReport, registration_recall};
+use crate::geometry::{Point, RigidMotion};
+use crate::result::Document;
+use crate::scan::{PointCloud, Reconstruction, ScanId};
+use crate::{Error, io};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What is known for true of the scans of a result, in their order.
+#[derive(Debug)]
 pub struct Truth {
     /// True `world_from_scan`.
     pub world_from_scan: Vec<RigidMotion>,
@@ -91,6 +93,42 @@ pub fn against_truth(
     truth_folder: &Path,
 ) -> Result<PoseReport, Error> {
     evaluate_against_truth(reconstruction, &Truth::read(document, truth_folder)?.world_from_scan)
+}
+
+/// Recall on one benchmark (a folder with gt.log and gt.info), whose ids are the numbers at the end of the scans' names.
+///
+/// # Errors
+/// A folder that cannot be read, or a pair of other scans than the result has.
+pub fn benchmark_recall(
+    folder: &Path,
+    document: &Document,
+    reconstruction: &Reconstruction,
+    config: &RecallConfig,
+) -> Result<RecallReport, Error> {
+    let benchmark = io::read_benchmark(folder)?;
+    let numbered: BTreeMap<usize, ScanId> = document
+        .scans
+        .iter()
+        .filter_map(|entry| Some((trailing_number(&entry.name)?, ScanId(entry.id))))
+        .collect();
+    if let Some(pair) =
+        benchmark.pairs.iter().find(|p| !numbered.contains_key(&p.i.0) || !numbered.contains_key(&p.j.0))
+    {
+        return Err(Error::file(
+            folder.join("gt.log"),
+            format!("the pair {} {}", pair.i, pair.j),
+            format!("numbers of the {} scans of the result", document.scans.len()),
+            "register all scans of the scene, or name the benchmark of this scene",
+        ));
+    }
+    let relative =
+        |i: ScanId, j: ScanId| reconstruction.relative_in_component(numbered[&i.0], numbered[&j.0]);
+    registration_recall(&benchmark.pairs, relative, config)
+}
+
+fn trailing_number(name: &str) -> Option<usize> {
+    let digits = name.bytes().rev().take_while(u8::is_ascii_digit).count();
+    name[name.len() - digits..].parse().ok()
 }
 
 #[cfg(test)]
