@@ -47,7 +47,7 @@ pub fn kmeans(sets: &[&[f32]], dim: usize, config: &KmeansConfig) -> Vec<f32> {
 }
 
 /// At most `config.sample` rows, each kept with its place in the input.
-fn subsample(sets: &[&[f32]], dim: usize, config: &KmeansConfig) -> Vec<f32> {
+pub(super) fn subsample(sets: &[&[f32]], dim: usize, config: &KmeansConfig) -> Vec<f32> {
     let total: usize = sets.iter().map(|s| s.len() / dim).sum();
     if total <= config.sample {
         return sets.iter().flat_map(|s| s.iter().copied()).collect();

@@ -34,6 +34,25 @@ fn scans_of_the_same_stuff_are_more_similar_than_others() {
     }
 }
 
+/// Given features come in any length, the layer looks at directions: powers of two change no bit of them.
+#[test]
+fn the_length_of_descriptors_does_not_matter() {
+    let unit = [scan(300, 0.0, 1), scan(300, 0.1, 2), scan(300, 1.5, 3)];
+    let long = unit.clone().map(|f| {
+        let values = f.descriptors.values().chunks(4).enumerate();
+        let values = values.flat_map(|(i, row)| row.iter().map(move |v| v * 2f32.powi(i as i32 % 9 + 4)));
+        let descriptors = Descriptors::new(4, values.collect()).unwrap();
+        Features::new(f.keypoints, None, descriptors).unwrap()
+    });
+    let similarity = |features: &[Features]| {
+        similarity_of(features, &config(SimilaritySource::Netvlad), None, 1, &Silent).unwrap().0
+    };
+    let (of_unit, of_long) = (similarity(&unit), similarity(&long));
+    for (i, j) in [(0, 1), (0, 2), (1, 2)] {
+        assert!((of_unit.get(i, j) - of_long.get(i, j)).abs() < 1e-5, "{i} {j}");
+    }
+}
+
 #[test]
 fn one_scan_none_an_empty_one_and_tiny_ones_work() {
     let (c, none) = (config(SimilaritySource::Netvlad), None);
@@ -96,7 +115,7 @@ fn mixed_dimensions_and_wrong_heads_are_refused() {
 
 #[test]
 fn unusable_settings_are_named() {
-    let bad = RetrievalConfig { alpha: f32::NAN, ..RetrievalConfig::default() };
+    let bad = RetrievalConfig { alpha: Some(f32::NAN), ..RetrievalConfig::default() };
     assert!(bad.validate().unwrap_err().to_string().starts_with("retrieval.alpha: found NaN"));
     let bad = RetrievalConfig { clusters: 0, ..RetrievalConfig::default() };
     assert!(bad.validate().unwrap_err().to_string().starts_with("retrieval.clusters: found 0"));
