@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def turntable(folder: Path, views: int = 9, seed: int = 0) -> None:
-    """A bumpy object of about 15 cm that turns in steps of 40 degrees before a range camera."""
+def turntable(folder: Path, views: int = 12, seed: int = 0) -> None:
+    """A bumpy object of about 15 cm that turns in steps of 30 degrees before a range camera."""
     rng = np.random.default_rng(seed)
     directions = rng.normal(size=(26, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -30,7 +30,7 @@ def turntable(folder: Path, views: int = 9, seed: int = 0) -> None:
         softness = 0.003
         return np.asarray(-softness * np.log(np.exp(-each / softness).sum(axis=1)))
 
-    u, v = np.meshgrid(np.linspace(-0.16, 0.16, 200), np.linspace(-0.16, 0.16, 200))
+    u, v = np.meshgrid(np.linspace(-0.16, 0.16, 180), np.linspace(-0.16, 0.16, 180))
     rays = np.stack([u.ravel(), v.ravel(), np.ones(u.size)], axis=1)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     truth = {}
@@ -39,10 +39,10 @@ def turntable(folder: Path, views: int = 9, seed: int = 0) -> None:
         eye = 0.6 * np.array([np.cos(angle) * 0.94, np.sin(angle) * 0.94, 0.34])
         pose = look_at(eye, np.zeros(3))
         turned = rays @ pose[:3, :3].T
-        # Only rays that pass within 11 cm of the middle, where the object ends.
-        passes = np.linalg.norm(np.cross(turned, eye), axis=1) < 0.11
+        # Only rays that pass within 9 cm of the middle, where the object ends.
+        passes = np.linalg.norm(np.cross(turned, eye), axis=1) < 0.09
         depth, near = np.full(len(rays), np.inf), np.full(passes.sum(), 0.45)
-        for _ in range(25):
+        for _ in range(15):
             near += np.clip(distance(eye + near[:, None] * turned[passes]), -0.05, 0.05)
         depth[passes] = np.where(np.abs(distance(eye + near[:, None] * turned[passes])) < 2e-4, near, np.inf)
         hit = depth < 0.8
