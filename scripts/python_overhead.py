@@ -8,6 +8,7 @@ usage: scripts/python_overhead.py BINARY SCANS [PAIRS]
 """
 
 import filecmp
+import resource
 import statistics
 import subprocess
 import sys
@@ -22,15 +23,18 @@ scanweave.register(scans, cache=out + "/cache").save(out)
 """
 
 
-def seconds(command: "list[str]") -> float:
-    start = time.perf_counter()
+def seconds(command: "list[str]") -> "tuple[float, float]":
+    """Seconds of the clock, and of all processors together."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    before, start = used.ru_utime + used.ru_stime, time.perf_counter()
     subprocess.run(command, check=True, capture_output=True)
-    return time.perf_counter() - start
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.perf_counter() - start, used.ru_utime + used.ru_stime - before
 
 
 def main() -> None:
     binary, scans, pairs = sys.argv[1], sys.argv[2], int((sys.argv[3:] or ["5"])[0])
-    ratios, times = [], []
+    ratios: "list[tuple[float, ...]]" = []
     for pair in range(pairs):
         with tempfile.TemporaryDirectory() as place:
             runs = {
@@ -43,12 +47,15 @@ def main() -> None:
                 same = filecmp.cmp(Path(place, "command", name), Path(place, "package", name), shallow=False)
                 if not same:
                     sys.exit(f"{name} differs")
-        times.append(taken)
-        ratios.append(taken["package"] / taken["command"])
-        print(f"{taken['command']:.2f} s command, {taken['package']:.2f} s package: {ratios[-1]:.3f}", flush=True)
-    print(f"median ratio {statistics.median(ratios):.3f} ({min(ratios):.3f} to {max(ratios):.3f}), same bytes in all")
-    start = seconds([sys.executable, "-c", "import scanweave"])
-    print(f"import alone {start:.2f} s")
+        (wall, cpu), (wall_of_package, cpu_of_package) = taken["command"], taken["package"]
+        ratios.append((wall_of_package / wall, cpu_of_package / cpu))
+        shown = f"{wall:.2f} s command, {wall_of_package:.2f} s package, of processors {cpu:.2f} and {cpu_of_package:.2f}"
+        print(shown, flush=True)
+    for what, column in zip(("seconds", "processor seconds"), zip(*ratios)):
+        middle = statistics.median(column)
+        print(f"package / command, {what}: median {middle:.3f} ({min(column):.3f} to {max(column):.3f})")
+    print("same bytes in all pairs")
+    print(f"import alone {seconds([sys.executable, '-c', 'import scanweave'])[0]:.2f} s")
 
 
 if __name__ == "__main__":
