@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Builds the wheel of the Python package into a folder (target/wheels) and prints its size and the seconds that
-# it took. Takes maturin from the PATH, else installs it into a virtual environment below target/.
+# Builds the wheel of the Python package into a folder (target/wheels) and prints its size and the time that it
+# took. Takes maturin from the PATH, else installs it into a virtual environment below target/.
 # usage: scripts/build-wheel.sh [FOLDER] [options of maturin build …]
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -12,8 +12,8 @@ if ! command -v maturin >/dev/null; then
 fi
 mkdir -p "$out"
 rm -f "$out"/scanweave-*.whl
-start=$SECONDS
-maturin build --release --locked --manifest-path python/Cargo.toml --out "$out" "$@"
+TIMEFORMAT="%R s, %U s of processors"
+time maturin build --release --locked --manifest-path python/Cargo.toml --out "$out" "$@"
 for wheel in "$out"/scanweave-*.whl; do
-    echo "$(basename "$wheel"): $(($(stat -c %s "$wheel" 2>/dev/null || stat -f %z "$wheel") / 1000)) kB, built in $((SECONDS - start)) s"
+    echo "$(basename "$wheel"): $(($(stat -c %s "$wheel" 2>/dev/null || stat -f %z "$wheel") / 1000)) kB"
 done
