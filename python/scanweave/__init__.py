@@ -11,10 +11,6 @@ Lengths are metres. The order of scans carries no meaning.
 
 from ._api import (
     ConfigLike,
-    Features,
-    Overlap,
-    RegisteredPair,
-    SyntheticScans,
     config,
     describe,
     predict_overlap,
@@ -28,6 +24,7 @@ from ._errors import InputError, OutputError, ReadError, ScanweaveError, Scanwea
 from ._evaluation import Evaluation, evaluate
 from ._inputs import ScanLike, ScansLike
 from ._outcomes import Evidence, Neighbour, Outcome
+from ._records import Features, Overlap, RegisteredPair, SyntheticScans
 from ._result import Cloud, PoseEdge, PoseGraph, Result
 from ._scanweave import Config, Scan, __version__
 

@@ -255,7 +255,7 @@ class Result:
     def _repr_html_(self) -> str:
         """The 3D report in a notebook."""
         page = html.escape(self.to_html(), quote=True)
-        style = "width:100%;height:640px;border:1px solid #ccc"
+        style = "width:100%;height:900px;box-sizing:border-box;border:1px solid #ccc"
         return (
             f'<iframe srcdoc="{page}" style="{style}" sandbox="allow-scripts allow-downloads" '
             f'title="scanweave: {html.escape(repr(self), quote=True)}"></iframe>'

@@ -8,7 +8,20 @@ from numpy.typing import NDArray
 from ._progress import Reporter
 
 __version__: str
-__all__: list[str]
+__all__ = [
+    "Config",
+    "Run",
+    "Scan",
+    "__version__",
+    "command",
+    "describe",
+    "evaluate_poses",
+    "predict_overlap",
+    "read",
+    "register",
+    "register_pair",
+    "synthesize",
+]
 
 @final
 class Scan:

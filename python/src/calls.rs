@@ -73,8 +73,10 @@ pub fn register(
     Ok(PyRun { scans, config, run, threads })
 }
 
-/// What became of a pair: the motion, whether it is accepted, the evidence as JSON and the reason where it
-/// is not.
+/// The motion, whether it is accepted, the evidence as JSON, and the reason where it is not.
+type Pair = (Option<Py<PyArray2<f64>>>, bool, String, Option<String>);
+
+/// What became of a pair.
 #[pyfunction]
 pub fn register_pair(
     py: Python<'_>,
@@ -83,7 +85,7 @@ pub fn register_pair(
     config: &Bound<'_, PyConfig>,
     threads: Option<usize>,
     progress: Option<Bound<'_, PyAny>>,
-) -> PyResult<(Option<Py<PyArray2<f64>>>, bool, String, Option<String>)> {
+) -> PyResult<Pair> {
     let scans = gathered(py, vec![target, source])?;
     let config = &config.get().config;
     let pair = watched(py, progress.as_ref(), threads, |monitor| {
@@ -137,7 +139,10 @@ pub fn predict_overlap(
     Ok(matrix::rows(py, similarity.len(), similarity.len(), |i, j| similarity.get(i, j)))
 }
 
-/// A synthetic interior: scans, true `world_from_scan` of each, and whether it is of the building.
+/// Scans, true `world_from_scan` of each, and whether it is of the building.
+type Synthetic = (Vec<PyScan>, Vec<Py<PyArray2<f64>>>, Vec<bool>);
+
+/// A synthetic interior.
 #[pyfunction]
 pub fn synthesize(
     py: Python<'_>,
@@ -146,7 +151,7 @@ pub fn synthesize(
     unrelated: usize,
     noise: f64,
     seed: u64,
-) -> PyResult<(Vec<PyScan>, Vec<Py<PyArray2<f64>>>, Vec<bool>)> {
+) -> PyResult<Synthetic> {
     let config = SynthConfig { scans, rooms, unrelated, noise, seed, ..SynthConfig::default() };
     let set = watched(py, None, None, |monitor| synthetic::generate(&config, monitor))?;
     let truth = set.world_from_scan.iter().map(|pose| matrix::array(py, pose)).collect();

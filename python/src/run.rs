@@ -28,6 +28,8 @@ pub struct PyRun {
 
 /// Points `[n,3]`, colours and numbers of the scans that they are from.
 type Cloud = (Py<PyArray2<f64>>, Option<Py<PyArray2<u8>>>, Py<PyArray1<u32>>);
+/// Points `[n,3]` and colours.
+type Placed = (Py<PyArray2<f64>>, Option<Py<PyArray2<u8>>>);
 /// Target and source as indices of nodes; target_from_source, information, whether it is uncertain.
 type Edge = (usize, usize, (Py<PyArray2<f64>>, Py<PyArray2<f64>>, bool));
 
@@ -102,11 +104,7 @@ impl PyRun {
     }
 
     /// All points of a placed scan in the frame of its component, and its colours.
-    fn placed_points(
-        &self,
-        py: Python<'_>,
-        scan: usize,
-    ) -> PyResult<Option<(Py<PyArray2<f64>>, Option<Py<PyArray2<u8>>>)>> {
+    fn placed_points(&self, py: Python<'_>, scan: usize) -> PyResult<Option<Placed>> {
         let Some(outcome) = self.run.reconstruction.outcomes.get(scan) else { return Ok(None) };
         let Some(placement) = outcome.placement() else { return Ok(None) };
         let cloud = &self.scans[scan].cloud;
