@@ -62,7 +62,7 @@ impl<'a> Validator<'a> {
             let mut settings = RetrievalConfig::default();
             settings.source = source;
             settings.clusters = config.clusters;
-            settings.alpha = Some(config.alpha as f32);
+            settings.alpha = config.alpha as f32;
             settings.bias = config.bias;
             settings.gem_power = config.gem_power as f32;
             let head = |scans: &[&Descriptors]| Ok(choose_head(scans, &settings, None, config.seed)?.0);

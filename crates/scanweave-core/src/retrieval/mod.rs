@@ -71,10 +71,8 @@ pub struct RetrievalConfig {
     pub checkpoint: Option<PathBuf>,
     /// NetVLAD clusters K, of an untrained head.
     pub clusters: usize,
-    /// NetVLAD sharpness α of the assignment, of an untrained head. Where not given, the second best cluster of a
-    /// descriptor has a hundredth of the share of the best one in the geometric mean (Arandjelović et al. 2016).
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub alpha: Option<f32>,
+    /// NetVLAD sharpness α of the assignment, of an untrained head.
+    pub alpha: f32,
     /// NetVLAD rule for the assignment's bias, of an untrained head.
     pub bias: BiasRule,
     /// GeM exponent p, of an untrained head.
@@ -96,7 +94,7 @@ impl Default for RetrievalConfig {
             head: HeadChoice::Trained,
             checkpoint: None,
             clusters: 256,
-            alpha: None,
+            alpha: 100.0,
             bias: BiasRule::Norm,
             gem_power: 3.0,
             kmeans_sample: 20_000,
@@ -128,9 +126,7 @@ impl RetrievalConfig {
         let positive = "a finite number above 0";
         let above = |v: f32| v.is_finite() && v > 0.0;
         check((1..=4096).contains(&self.clusters), "clusters", self.clusters.to_string(), "1 to 4096")?;
-        if let Some(alpha) = self.alpha {
-            check(above(alpha), "alpha", alpha.to_string(), positive)?;
-        }
+        check(above(self.alpha), "alpha", self.alpha.to_string(), positive)?;
         check(above(self.gem_power), "gem_power", self.gem_power.to_string(), positive)?;
         check(self.kmeans_sample > 0, "kmeans_sample", "0".into(), "at least 1")?;
         let beta = self.fusion_beta;
@@ -231,9 +227,13 @@ pub fn choose_head(
             let mut rows = kmeans::subsample(&filled, dim, &settings);
             rows.chunks_exact_mut(dim).for_each(pooling::unit_row);
             let centroids = kmeans::kmeans(&[&rows], dim, &settings);
-            let alpha =
-                config.alpha.unwrap_or_else(|| netvlad::sharpness(&rows, dim, &centroids, config.bias));
-            let layer = NetVladConfig { clusters: config.clusters, dim, alpha, bias: config.bias, seed };
+            let layer = NetVladConfig {
+                clusters: config.clusters,
+                dim,
+                alpha: config.alpha,
+                bias: config.bias,
+                seed,
+            };
             let origin = HeadOrigin::Kmeans { scans: filled.len() };
             (Head::NetVlad(layer.init_from(&centroids)), origin)
         }

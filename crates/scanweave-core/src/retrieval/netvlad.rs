@@ -4,7 +4,6 @@ use super::pooling::{add_scaled, unit_row};
 use crate::random::generator;
 use crate::scan::Descriptors;
 use rand::RngExt;
-use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -55,31 +54,6 @@ impl NetVladConfig {
             .collect();
         NetVlad { dim: self.dim, weight, bias, centroids: centroids.to_vec() }
     }
-}
-
-/// Sharpness α at which the second largest share of an assignment is a hundredth of the largest one, in the geometric
-/// mean over descriptors: α = ln 100 / mean(s₁ − s₂), with s₁ ≥ s₂ the largest assignment scores at α = 1. So the authors of
-/// NetVLAD start it (Arandjelović et al. 2016, section 4.1 and their code).
-///
-/// `rows` `[n·dim]` of unit length, `centroids` `[K·dim]`. One where nothing is to be told apart: without rows, or with
-/// one distinct centroid.
-pub(super) fn sharpness(rows: &[f32], dim: usize, centroids: &[f32], bias: BiasRule) -> f32 {
-    /// Of the second share to the first.
-    const RATIO: f64 = 0.01;
-    let clusters = centroids.len() / dim;
-    let layer = NetVladConfig { clusters, dim, alpha: 1.0, bias, seed: 0 }.init_from(centroids);
-    let lead = |x: &[f32]| {
-        let (mut first, mut second) = (f32::NEG_INFINITY, f32::NEG_INFINITY);
-        for (weights, bias) in layer.weight.chunks_exact(dim).zip(&layer.bias) {
-            let score = bias + weights.iter().zip(x).map(|(w, v)| w * v).sum::<f32>();
-            (first, second) = (first.max(score), second.max(score.min(first)));
-        }
-        f64::from(first - second)
-    };
-    let leads: Vec<f64> = rows.par_chunks_exact(dim).map(lead).collect();
-    let mean = leads.iter().sum::<f64>() / leads.len().max(1) as f64;
-    let alpha = (-RATIO.ln() / mean) as f32;
-    if alpha.is_finite() && alpha > 0.0 { alpha } else { 1.0 }
 }
 
 /// Soft-assigned sum of residuals to learnt centroids.
@@ -193,33 +167,6 @@ mod tests {
             }
         }
         unit(&vlad.iter().flat_map(|v| unit(v)).collect::<Vec<_>>())
-    }
-
-    /// By hand the scores 2 c·x − ‖c‖² of the rows lead the next ones by 2, 0.4 and 0.4; with the sharpness found, shares
-    /// that the softmax of the squared distances gives differ by a hundred in the geometric mean.
-    #[test]
-    fn the_second_share_is_a_hundredth_of_the_first() {
-        let centroids = [1.0, 0.0, 0.0, 1.0, -1.0, 0.0];
-        // Scores: 1, −1, −3; 0.2, 0.6, −2.2; −2.2, 0.6, 0.2.
-        let rows = [1.0f32, 0.0, 0.6, 0.8, -0.6, 0.8];
-        let alpha = sharpness(&rows, 2, &centroids, BiasRule::SquaredNorm);
-        let expected = 100f64.ln() / ((2.0 + 0.4 + 0.4) / 3.0);
-        assert!((f64::from(alpha) - expected).abs() < 1e-5, "{alpha} {expected}");
-        let ratio = |x: &[f32]| {
-            let mut shares: Vec<f32> = centroids
-                .chunks_exact(2)
-                .map(|c| -alpha * x.iter().zip(c).map(|(x, c)| (x - c) * (x - c)).sum::<f32>())
-                .collect();
-            softmax(&mut shares);
-            shares.sort_by(|a, b| b.total_cmp(a));
-            f64::from(shares[1] / shares[0]).ln()
-        };
-        let mean = rows.chunks_exact(2).map(ratio).sum::<f64>() / 3.0;
-        assert!((mean - 0.01f64.ln()).abs() < 1e-4, "{mean}");
-        // Nothing to tell apart.
-        assert_eq!(sharpness(&rows, 2, &centroids[..2], BiasRule::Norm), 1.0);
-        assert_eq!(sharpness(&rows, 2, &[0.5; 4], BiasRule::Norm), 1.0);
-        assert_eq!(sharpness(&[], 2, &centroids, BiasRule::Norm), 1.0);
     }
 
     #[test]
