@@ -36,7 +36,7 @@ fn scans_of_the_same_stuff_are_more_similar_than_others() {
     }
 }
 
-/// Given features come in any length; the layer looks at directions.
+/// Given features come in any length; the layer takes their directions alone.
 #[test]
 fn the_length_of_descriptors_does_not_matter() {
     let features = [scan(300, 0.0, 1), scan(300, 0.05, 2), scan(300, 1.5, 3), scan(300, 1.55, 4)].map(|f| {
