@@ -370,7 +370,13 @@ fn a_pose_that_reliable_viewpoints_see_through_is_left_undecided_whatever_matche
         let settings = verifier.settings;
         assert!(verifier.probability(&seen_through(0.12)) > 0.95);
         // Matches outweigh the free-space violation by far: only the limit lowers the probability.
-        assert!(scanweave::registration::probability(&seen_through(0.13), settings) > 0.95);
+        assert!(
+            scanweave::registration::probability(
+                &seen_through(0.13),
+                settings,
+                &scanweave::registration::NoiseLevel::USUAL
+            ) > 0.95
+        );
         assert_eq!(verifier.probability(&seen_through(0.13)), 0.5);
     });
 }

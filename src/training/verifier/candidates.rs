@@ -111,7 +111,7 @@ fn candidates_of(
         .collect();
     let scorer = PairScorer::new(&inputs, &config.registration.estimator, recipe.seed);
     let retrieved = most_similar_pairs(&similarity, &usable, AgglomerativeConfig::default().neighbours);
-    let ScoredPairs { pairs, aliasing } =
+    let ScoredPairs { pairs, aliasing, noise } =
         score_pairs(&scorer, &retrieved, &mut models, &settings, radius_m, monitor)?;
     let offset = log_odds(with_aliasing(with_scan_count_prior(0.5, models.len()), aliasing));
     // Hypotheses are of the scans' own frames.
@@ -125,7 +125,7 @@ fn candidates_of(
         for found in pair.hypotheses.iter().filter(|h| h.evidence.inliers >= settings.min_inliers) {
             let error = PoseError::at(&found.a_from_b, &i_from_j, &centre);
             if let Some(right) = label(&error, radius_m) {
-                candidates.push(Candidate { predictors: predictors(&found.evidence), offset, right });
+                candidates.push(Candidate { predictors: predictors(&found.evidence, &noise), offset, right });
             }
         }
     }

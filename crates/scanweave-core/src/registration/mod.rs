@@ -31,6 +31,7 @@ pub use prior::{PosePrior, RoughPose, Upright};
 pub use scan_model::{FreeSpace, ScanModel};
 pub use usability::unusable;
 pub use verification::alignment::align;
+pub use verification::noise_level::NoiseLevel;
 pub use verification::probability::{
     MOST_VIOLATION_OF_CORRECT, SurePair, aliasing, predictors, probability, viewpoint_reliability,
     with_aliasing, with_scan_count_prior,

@@ -302,8 +302,11 @@ impl<'a> Agglomeration<'a> {
             let (scored, pair) = self.edges[&(a, b)].best()?;
             Some(Proposal { a, b, scored, pair })
         };
+        let accept = self.verifier.settings.accept;
+        let among_cycles = |p: Proposal| if p.probability() < accept { p } else { self.among_cycles(p) };
         keys.iter()
             .filter_map(proposal)
+            .map(among_cycles)
             .reduce(|best, next| if next.probability() > best.probability() { next } else { best })
     }
 

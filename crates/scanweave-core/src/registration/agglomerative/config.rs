@@ -23,11 +23,20 @@ pub struct AgglomerativeConfig {
     pub refine_growth: f64,
     /// Whether contradictions around loops are spread by matched points before multiview ICP.
     pub close_loops: bool,
+    /// Whether a join becomes less probable by likely poses of a third component that contradict it.
+    pub cycle_consistency: bool,
 }
 
 impl Default for AgglomerativeConfig {
     fn default() -> Self {
-        Self { neighbours: 12, retrieval_rounds: 2, trials: true, refine_growth: 1.5, close_loops: true }
+        Self {
+            neighbours: 12,
+            retrieval_rounds: 2,
+            trials: true,
+            refine_growth: 1.5,
+            close_loops: true,
+            cycle_consistency: true,
+        }
     }
 }
 

@@ -7,8 +7,8 @@
 //!
 //! ```text
 //! 1  register every scan with the scans most similar to it, and those that rough poses put beside it; score the hypotheses of every pair
-//! 2  find out from the surest pairs how far each viewpoint is reliable, and from what wrong hypotheses
-//!    look like how much places resemble each other; score again
+//! 2  find out from the pairs with most matches how well surfaces fit, from the surest how far each viewpoint is
+//!    reliable, and from what wrong hypotheses look like how much places resemble each other; score again
 //! 3  every usable scan is a component
 //! 4  repeat for every retrieval round:
 //! 4a     make the certain joins, the most probable first
@@ -24,6 +24,7 @@
 mod agglomeration;
 mod conclusion;
 pub(super) mod config;
+mod cycles;
 mod edge;
 mod final_evidence;
 mod loops;
@@ -74,9 +75,9 @@ pub(super) fn register(
     retrieved.extend(prior::near_pairs(scans, &usable, settings.neighbours));
     retrieved.sort_unstable();
     retrieved.dedup();
-    let ScoredPairs { pairs, aliasing } =
+    let ScoredPairs { pairs, aliasing, noise } =
         score_pairs(&scorer, &retrieved, &mut models, verification, radius_m, monitor)?;
-    let verifier = Verifier { aliasing, ..Verifier::new(&models, verification, radius_m) };
+    let verifier = Verifier { aliasing, noise, ..Verifier::new(&models, verification, radius_m) };
     // 3
     let keypoints = scans.iter().map(|s| s.features.keypoints.as_slice()).collect();
     let mut agglomeration = Agglomeration::new(&verifier, config, keypoints, &usable);

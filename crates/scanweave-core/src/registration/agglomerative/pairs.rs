@@ -12,6 +12,7 @@ use crate::registration::pairwise::matching::MatchTarget;
 use crate::registration::pairwise::registrar::{PairHypotheses, PairRegistrar};
 use crate::registration::prior;
 use crate::registration::scan_model::ScanModel;
+use crate::registration::verification::noise_level::NoiseLevel;
 use crate::registration::verification::probability::{self, SurePair};
 use crate::registration::verification::surface_fit::{Posed, violation};
 use crate::registration::verification::verifier::{ScoredHypothesis, Verifier};
@@ -107,11 +108,13 @@ pub struct ScoredPairs {
     pub pairs: Vec<ScanPair>,
     /// What perceptual aliasing costs of the log odds: [`probability::aliasing`].
     pub aliasing: f64,
+    /// How surfaces sit on each other where poses are right.
+    pub noise: NoiseLevel,
 }
 
-/// Steps 1 and 2 of the agglomerative registration: registers the retrieved pairs, finds out from the
-/// surest how far each viewpoint is reliable, which it enters into the models, and from the second-best
-/// hypotheses how much places resemble each other; scores again. `radius_m` is τ, metres.
+/// Steps 1 and 2 of the agglomerative registration: registers the retrieved pairs, finds out from those with
+/// most matches how well surfaces fit, from the surest how far each viewpoint is reliable, which it enters into the
+/// models, and from the second-best hypotheses how much places resemble each other; scores again. `radius_m` is τ, metres.
 ///
 /// # Errors
 /// Only when the monitor is cancelled.
@@ -133,11 +136,24 @@ pub fn score_pairs(
     tracing::debug!("reliability of the viewpoints: {reliability:.2?}");
     let verifier = Verifier::new(models, settings, radius_m);
     pairs.iter_mut().for_each(|pair| pair.rescore(&verifier));
+    let noise = noise_level(&pairs, settings);
+    tracing::debug!("right poses show {noise:.4?}");
+    let verifier = Verifier { noise, ..verifier };
+    pairs.iter_mut().for_each(|pair| pair.rescore(&verifier));
     let aliasing = probability::aliasing(pairs.iter().filter_map(|pair| pair.runner_up(&verifier)));
     tracing::debug!("perceptual aliasing costs {aliasing:.2} of the log odds");
     let verifier = Verifier { aliasing, ..verifier };
     pairs.iter_mut().for_each(|pair| pair.rescore(&verifier));
-    Ok(ScoredPairs { pairs, aliasing })
+    Ok(ScoredPairs { pairs, aliasing, noise })
+}
+
+/// What the best poses of pairs show of the sensor.
+fn noise_level(pairs: &[ScanPair], settings: &SurfaceVerification) -> NoiseLevel {
+    if !settings.noise_level {
+        return NoiseLevel::USUAL;
+    }
+    let best = pairs.iter().filter_map(|pair| Some(&pair.hypotheses.first()?.evidence));
+    NoiseLevel::of(best.filter(|e| e.inliers >= settings.min_inliers))
 }
 
 /// Registers pairs of scans and scores what is found.

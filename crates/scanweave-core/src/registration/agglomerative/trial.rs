@@ -24,7 +24,7 @@ const TRIALS: usize = 10;
 const TRIALS_PER_EDGE: usize = 4;
 /// Probability, rivals apart, from which a proposal is tried.
 pub(super) const WORTH_TRYING: f64 = 0.01;
-/// Free-space violation that no trial makes good.
+/// Free-space violation, with usual noise, that no trial makes good.
 const HOPELESS: f64 = 0.3;
 /// Probability, rivals apart, up to which a trial has refuted a proposal: what viewpoints contradict has
 /// no more.
@@ -135,7 +135,8 @@ impl Agglomeration<'_> {
 
     /// Whether so much lies in space seen to be empty that no trial makes it good.
     fn is_seen_through(&self, evidence: &Evidence) -> bool {
-        self.verifier.settings.free_space && evidence.free_space_violation > HOPELESS
+        let violation = self.verifier.noise.scaled_violation(evidence.free_space_violation);
+        self.verifier.settings.free_space && violation > HOPELESS
     }
 
     /// Proposals in the order in which they deserve a trial; edges that failed before do not.
@@ -267,7 +268,10 @@ impl Agglomeration<'_> {
         let evidence = Evidence { second_best_inliers, ..trial.evidence };
         let alone = self.unrivalled(&evidence);
         let among = probability::among_rivals(alone, rivals.iter().map(|r| r.0));
-        Evidence { probability: Some(self.probability(&evidence).min(among)), ..evidence }
+        let probability = Some(self.probability(&evidence).min(among));
+        let evidence = Evidence { probability, ..evidence };
+        let scored = ScoredHypothesis { a_from_b: trial.a_from_b, evidence, ..trial.proposal.scored };
+        self.among_cycles(Proposal { scored, ..trial.proposal }).scored.evidence
     }
 }
 

@@ -71,6 +71,9 @@ pub struct SurfaceVerification {
     pub viewpoint_reliability: bool,
     /// Whether it counts how well the touching surface fixes the pose.
     pub localizability: bool,
+    /// Whether plane residual and free-space violation count as far as they exceed what the collection's
+    /// best-supported pairs show; otherwise as far as they exceed those of RGB-D scenes.
+    pub noise_level: bool,
     /// Whether it counts how many inliers there would be if matches were paired at random.
     pub chance_inliers: bool,
     /// The model of the probability.
@@ -89,6 +92,7 @@ impl Default for SurfaceVerification {
             free_space: true,
             viewpoint_reliability: true,
             localizability: true,
+            noise_level: true,
             chance_inliers: true,
             weights: EvidenceWeights::default(),
         }

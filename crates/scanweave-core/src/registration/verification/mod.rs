@@ -3,6 +3,7 @@
 pub(crate) mod alignment;
 pub(super) mod config;
 pub(crate) mod decline;
+pub(crate) mod noise_level;
 pub(crate) mod probability;
 mod shipped;
 pub(crate) mod surface_fit;

@@ -8,15 +8,20 @@
 
 use crate::registration::config::SurfaceVerification;
 use crate::registration::scan_model::UNKNOWN_RELIABILITY;
+use crate::registration::verification::noise_level::NoiseLevel;
 use crate::scan::Evidence;
 
 /// Free-space violation beyond which more of it counts besides by a term of its own.
 const MOST_VIOLATION: f64 = 0.2;
 
+/// Exponent k of the tail of the free-space violations of right poses: about the weight that was learned for the
+/// logarithm, 2.7.
+const TAIL: f64 = 2.5;
+
 /// Perceptual aliasing at most: with so much nothing is told apart.
 const MOST_ALIASING: f64 = 20.0;
 
-/// Violation that a right pose does not exceed where viewpoints are reliable: 9 of 3082 right proposals
+/// Violation, with usual noise, that a right pose does not exceed where viewpoints are reliable: 9 of 3082 right proposals
 /// did of those that were measured between groups of scans in four 3DMatch scenes and two
 /// synthetic buildings, and three quarters of the wrong ones.
 pub const MOST_VIOLATION_OF_CORRECT: f64 = 0.125;
@@ -40,7 +45,8 @@ pub type SurePair = ((usize, usize), [f64; 2]);
 pub fn is_sure_without_free_space(evidence: &Evidence, settings: &SurfaceVerification) -> bool {
     /// Probability from which it is.
     const SURE: f64 = 0.95;
-    probability(&Evidence { free_space_violation: USUAL_VIOLATION, ..*evidence }, settings) >= SURE
+    let evidence = Evidence { free_space_violation: USUAL_VIOLATION, ..*evidence };
+    probability(&evidence, settings, &NoiseLevel::USUAL) >= SURE
 }
 
 /// How far the viewpoint of each of `scans` scans is reliable, in `[0, 1]`: as far as sure pairs show no
@@ -98,28 +104,36 @@ pub fn viewpoint_reliability(scans: usize, sure: &[SurePair], settings: &Surface
 /// ln(inliers by chance / inliers); the logarithms of shares with 0.01
 /// added, 0.05 for the normals, 0.001 for the localizability, 0.02 for chance.
 ///
+/// The plane residual counts as far as it differs from the collection's. What right poses violate of free space
+/// is spread about the collection's level e with the heavy tail of a density e^(k−1)/(v+e)^k, what wrong ones
+/// violate is spread whatever the sensor, so that the log odds hold −k ln(v+e) + (k−1) ln e: with the [`TAIL`] of k
+/// and r the ratio of e to what is usual, 0.01, that is −k times ln(v/r + 0.01) + 0.4 ln r. Both are as without a
+/// collection where its level is usual.
+///
 /// Fewer than three inliers of the next hypothesis count as three: any three matches
 /// agree on some motion.
-pub fn predictors(evidence: &Evidence) -> [f64; 10] {
+pub fn predictors(evidence: &Evidence, noise: &NoiseLevel) -> [f64; 10] {
     let inliers = evidence.inliers.max(1) as f64;
     let second_best_ratio = inliers / evidence.second_best_inliers.max(3) as f64;
+    let violation = noise.scaled_violation(evidence.free_space_violation);
     [
         1.0,
         inliers.ln(),
         second_best_ratio.ln(),
         (evidence.normal_agreement + 0.05).ln(),
-        evidence.plane_residual,
+        evidence.plane_residual - noise.plane_residual + NoiseLevel::USUAL.plane_residual,
         (evidence.overlap + 0.01).ln(),
-        (evidence.free_space_violation.min(MOST_VIOLATION) + 0.01).ln(),
+        (violation.min(MOST_VIOLATION) + 0.01).ln() + noise.violation_ratio().ln() / TAIL,
         (evidence.localizability + 1e-3).ln(),
-        (evidence.free_space_violation - MOST_VIOLATION).max(0.0),
+        (violation - MOST_VIOLATION).max(0.0),
         (evidence.chance_inliers / inliers + 0.02).ln(),
     ]
 }
 
-/// Probability that a pose with this evidence is right, by the logistic model of the settings.
-pub fn probability(evidence: &Evidence, settings: &SurfaceVerification) -> f64 {
-    let x = predictors(&considered(evidence, settings));
+/// Probability that a pose with this evidence is right, by the logistic model of the settings, in a collection
+/// with this noise.
+pub fn probability(evidence: &Evidence, settings: &SurfaceVerification, noise: &NoiseLevel) -> f64 {
+    let x = predictors(&considered(evidence, settings), noise);
     let score: f64 = x.iter().zip(settings.weights.as_array()).map(|(x, w)| x * w).sum();
     1.0 / (1.0 + (-score).exp())
 }
@@ -141,8 +155,13 @@ fn considered(evidence: &Evidence, settings: &SurfaceVerification) -> Evidence {
 
 /// Whether viewpoints, as far as they are reliable, speak against a pose so that no number of matches
 /// makes up for it: two rooms furnished alike match as well as one seen twice.
-pub fn exceeds_free_space_limit(evidence: &Evidence, settings: &SurfaceVerification) -> bool {
-    settings.free_space && evidence.free_space_violation > MOST_VIOLATION_OF_CORRECT
+pub fn exceeds_free_space_limit(
+    evidence: &Evidence,
+    settings: &SurfaceVerification,
+    noise: &NoiseLevel,
+) -> bool {
+    let violation = noise.scaled_violation(evidence.free_space_violation);
+    settings.free_space && violation > MOST_VIOLATION_OF_CORRECT
 }
 
 /// A probability by weights that were fitted to scenes of some sixty scans, in a collection of `scans` scans: a scan
@@ -200,6 +219,8 @@ mod tests {
     use super::*;
     use approx::assert_relative_eq;
 
+    const USUAL: NoiseLevel = NoiseLevel::USUAL;
+
     #[test]
     fn odds_fall_with_the_number_of_scans_beyond_those_fitted() {
         assert_relative_eq!(with_scan_count_prior(0.9, 12), 0.9);
@@ -249,18 +270,19 @@ mod tests {
             localizability: 0.05,
             ..Evidence::default()
         };
-        let p = probability(&base, &settings);
-        assert!(probability(&Evidence { inliers: 60, ..base }, &settings) > p);
-        assert!(probability(&Evidence { second_best_inliers: 29, ..base }, &settings) < p);
-        assert!(probability(&Evidence { chance_inliers: 3.0, ..base }, &settings) < p);
-        assert!(probability(&Evidence { normal_agreement: 0.5, ..base }, &settings) < p);
-        assert!(probability(&Evidence { plane_residual: 0.6, ..base }, &settings) < p);
-        assert!(probability(&Evidence { overlap: 0.1, ..base }, &settings) < p);
-        assert!(probability(&Evidence { free_space_violation: 0.2, ..base }, &settings) < p);
-        let seen =
-            |free_space_violation: f64| probability(&Evidence { free_space_violation, ..base }, &settings);
+        let p = probability(&base, &settings, &USUAL);
+        assert!(probability(&Evidence { inliers: 60, ..base }, &settings, &USUAL) > p);
+        assert!(probability(&Evidence { second_best_inliers: 29, ..base }, &settings, &USUAL) < p);
+        assert!(probability(&Evidence { chance_inliers: 3.0, ..base }, &settings, &USUAL) < p);
+        assert!(probability(&Evidence { normal_agreement: 0.5, ..base }, &settings, &USUAL) < p);
+        assert!(probability(&Evidence { plane_residual: 0.6, ..base }, &settings, &USUAL) < p);
+        assert!(probability(&Evidence { overlap: 0.1, ..base }, &settings, &USUAL) < p);
+        assert!(probability(&Evidence { free_space_violation: 0.2, ..base }, &settings, &USUAL) < p);
+        let seen = |free_space_violation: f64| {
+            probability(&Evidence { free_space_violation, ..base }, &settings, &USUAL)
+        };
         assert!(seen(0.6) < seen(0.3) && seen(0.3) < seen(0.2));
-        assert!(probability(&Evidence { localizability: 0.0, ..base }, &settings) < p);
+        assert!(probability(&Evidence { localizability: 0.0, ..base }, &settings, &USUAL) < p);
     }
 
     #[test]
@@ -322,7 +344,11 @@ mod tests {
             - 2.0 * 0.11f64.ln()
             + 0.5 * 0.05f64.ln()
             - 3.0 * 0.12f64.ln();
-        assert_relative_eq!(probability(&evidence, &settings), 1.0 / (1.0 + (-score).exp()), epsilon = 1e-12);
+        assert_relative_eq!(
+            probability(&evidence, &settings, &USUAL),
+            1.0 / (1.0 + (-score).exp()),
+            epsilon = 1e-12
+        );
     }
 
     /// What is switched off has no say at all, neither as a weighted term nor as a limit.
@@ -340,8 +366,8 @@ mod tests {
             ..Evidence::default()
         };
         let varied = |evidence: [Evidence; 2], settings: &SurfaceVerification| {
-            let judged =
-                evidence.map(|e| (probability(&e, settings), exceeds_free_space_limit(&e, settings)));
+            let judged = evidence
+                .map(|e| (probability(&e, settings, &USUAL), exceeds_free_space_limit(&e, settings, &USUAL)));
             judged[0] != judged[1]
         };
         let seen_through = [base, Evidence { free_space_violation: 0.5, ..base }];

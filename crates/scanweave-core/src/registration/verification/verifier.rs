@@ -8,6 +8,7 @@ use crate::registration::pairwise::correspondences::Correspondences;
 use crate::registration::prior;
 use crate::registration::scan_model::ScanModel;
 use crate::registration::verification::alignment::align;
+use crate::registration::verification::noise_level::NoiseLevel;
 use crate::registration::verification::probability::{self, UNDECIDED};
 use crate::registration::verification::surface_fit::{Posed, SurfaceFit, surface_fit};
 use crate::scan::Evidence;
@@ -54,12 +55,14 @@ pub struct Verifier<'a> {
     pub radius_m: f64,
     /// What perceptual aliasing costs of the log odds: [`probability::aliasing`].
     pub aliasing: f64,
+    /// How surfaces sit on each other where poses are right.
+    pub noise: NoiseLevel,
 }
 
 impl<'a> Verifier<'a> {
     /// A verifier that knows nothing of the collection yet.
     pub fn new(models: &'a [ScanModel<'a>], settings: &'a SurfaceVerification, radius_m: f64) -> Self {
-        Self { models, settings, radius_m, aliasing: 0.0 }
+        Self { models, settings, radius_m, aliasing: 0.0, noise: NoiseLevel::USUAL }
     }
 
     /// Aligns every proposed motion of group `b` to group `a`, drops repetitions, and measures
@@ -195,7 +198,7 @@ impl<'a> Verifier<'a> {
         let inliers = inliers.max(matches.count(a_from_b, self.radius_m));
         let coarse_check =
             self.evidence_of(&surface_fit(a, b, a_from_b, stride), a_from_b, matches, (inliers, 0));
-        let p = probability::probability(&coarse_check, self.settings);
+        let p = probability::probability(&coarse_check, self.settings, &self.noise);
         probability::with_scan_count_prior(p, self.models.len())
             < HOPELESS[usize::from(a.len() + b.len() > 2)]
     }
@@ -249,10 +252,10 @@ impl<'a> Verifier<'a> {
         if evidence.inliers < self.settings.min_inliers {
             return 0.0;
         }
-        let p = probability::probability(evidence, self.settings);
+        let p = probability::probability(evidence, self.settings, &self.noise);
         let p = probability::with_scan_count_prior(p, self.models.len());
         let p = probability::with_aliasing(p, self.aliasing + evidence.prior_penalty);
-        let limited = probability::exceeds_free_space_limit(evidence, self.settings);
+        let limited = probability::exceeds_free_space_limit(evidence, self.settings, &self.noise);
         if limited { p.min(UNDECIDED) } else { p }
     }
 
@@ -275,7 +278,8 @@ impl<'a> Verifier<'a> {
         stride: usize,
     ) -> ScoredHypothesis {
         let mut fit = surface_fit(a, b, a_from_b, stride);
-        if fit.free_space_violation > probability::MOST_VIOLATION_OF_CORRECT {
+        let violation = self.noise.scaled_violation(fit.free_space_violation);
+        if violation > probability::MOST_VIOLATION_OF_CORRECT {
             let within = violation_within(a, stride).max(violation_within(b, stride));
             fit.free_space_violation = (fit.free_space_violation - within).max(0.0);
         }
