@@ -89,6 +89,9 @@ fn any_number_of_shards_and_threads_gives_the_bytes_of_one_process() {
             );
         }
         assert_eq!(names(&at("features")), names(features));
+        // Features and surface of every scan, each made by one of them.
+        assert_eq!(names(&at("features").join("cache")), names(&features.join("cache")));
+        assert_eq!(names(&features.join("cache")).len(), 12);
         pairs(&at("pairs"), shards, &["--threads", threads]);
         assert_eq!(names(&at("pairs")).len(), shards);
         let described = at("features");

@@ -10,6 +10,7 @@ mod pair_shards;
 mod pairs;
 mod shard;
 mod stopwatch;
+mod surfaces;
 
 use component_frames::StatedFrames;
 pub use features::{FeatureSource, read_features};
@@ -19,20 +20,20 @@ pub use pair_shards::{RegisteredShard, register_shard};
 pub use pairs::PairCache;
 pub use shard::Shard;
 pub use stopwatch::Stopwatch;
+use surfaces::Store;
 
 use crate::config::Config;
 use crate::descriptor::{Describer, DescriptorKind};
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::monitor::Monitor;
-use crate::preprocessing::{ScaleChoice, ScaleWarning, Thinned, ViewpointStudy, local_frame, scale};
+use crate::preprocessing::{ScaleChoice, ScaleWarning, local_frame, scale};
 use crate::registration::{self, Lengths, PosePrior, ScanInput, ScanPair, prior};
 use crate::result::StageTime;
 use crate::retrieval::{self, Checkpoint, DescriptorTag, HeadChoice, HeadOrigin, SimilaritySource, shipped};
 use crate::scan::{
     Features, PointCloud, PoseGraph, Reconstruction, Scan, SimilarityMatrix, Surface, WorkingScale,
 };
-use rayon::prelude::*;
 use std::ops::Range;
 use std::path::Path;
 
@@ -325,7 +326,11 @@ pub fn describe_timed(
     monitor: &dyn Monitor,
     clock: &mut Stopwatch,
 ) -> Result<Described> {
-    let prepared = Prepared::new(scans, config, monitor, clock)?;
+    let store = match source {
+        FeatureSource::Kept(folder) => Store::Read(folder),
+        _ => Store::None,
+    };
+    let prepared = Prepared::new(scans, config, (store, 0..scans.len()), monitor, clock)?;
     let (features, reused) =
         clock.time("features", || prepared.features(scans, config, source, 0..scans.len(), monitor))?;
     let Prepared { local, frames, surfaces, choice } = prepared;
@@ -347,7 +352,8 @@ pub struct DescribedShard {
 }
 
 /// [`describe`] of one shard of the scans, a contiguous stretch. The lengths, and where scans were seen from, are
-/// chosen from all scans: features are the same as without shards.
+/// chosen from all scans: features are the same as without shards. Thinned scans are kept beside features, where
+/// other shards and stages find them.
 ///
 /// # Errors
 /// As [`describe`].
@@ -358,8 +364,17 @@ pub fn describe_shard(
     shard: Shard,
     monitor: &dyn Monitor,
 ) -> Result<DescribedShard> {
-    let prepared = Prepared::new(scans, config, monitor, &mut Stopwatch::default())?;
     let part = shard.range(scans.len());
+    let store = match source {
+        FeatureSource::Cached(folder) => {
+            std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+            Store::ReadAndWrite(folder)
+        }
+        FeatureSource::Kept(folder) => Store::Read(folder),
+        _ => Store::None,
+    };
+    let mut clock = Stopwatch::default();
+    let prepared = Prepared::new(scans, config, (store, part.clone()), monitor, &mut clock)?;
     let (features, reused) = prepared.features(scans, config, source, part.clone(), monitor)?;
     let of = |(features, scan): (Features, usize)| {
         frames::from_local(&features, &scans[scan], &prepared.frames[scan])
@@ -378,11 +393,18 @@ struct Prepared {
 }
 
 impl Prepared {
-    fn new(scans: &[Scan], config: &Config, monitor: &dyn Monitor, clock: &mut Stopwatch) -> Result<Self> {
+    fn new(
+        scans: &[Scan],
+        config: &Config,
+        store: (Store<'_>, Range<usize>),
+        monitor: &dyn Monitor,
+        clock: &mut Stopwatch,
+    ) -> Result<Self> {
         let (local, frames) = clock.time("scale", || local_frame::localize(scans));
         let clouds: Vec<&PointCloud> = local.iter().map(|s| &s.cloud).collect();
         let choice = clock.time("scale", || scale::choose(&config.scale, &clouds))?;
-        let surfaces = clock.time("surfaces", || thin(&local, &frames, &choice.scale, monitor))?;
+        let surfaces =
+            clock.time("surfaces", || surfaces::thinned(&local, &frames, &choice.scale, store, monitor))?;
         Ok(Self { local, frames, surfaces, choice })
     }
 
@@ -433,23 +455,7 @@ pub fn thin(
     scale: &WorkingScale,
     monitor: &dyn Monitor,
 ) -> Result<Vec<Surface>> {
-    const STAGE: &str = "surfaces";
-    monitor.begin(STAGE, scans.len());
-    let thinned: Vec<Result<Thinned>> = scans
-        .par_iter()
-        .zip(scan_from_local)
-        .map(|(scan, frame)| {
-            monitor.check(STAGE)?;
-            let surface = Thinned::new(&scan.cloud, &local_frame::file_zero(frame), scale);
-            monitor.advance(1);
-            Ok(surface)
-        })
-        .collect();
-    monitor.end();
-    let thinned = thinned.into_iter().collect::<Result<Vec<_>>>()?;
-    let studies: Vec<ViewpointStudy> = thinned.iter().map(|t| t.study).collect();
-    let places = ViewpointStudy::decide(&studies);
-    Ok(thinned.into_par_iter().zip(places).map(|(thinned, place)| thinned.seen_from(&place)).collect())
+    surfaces::thinned(scans, scan_from_local, scale, (Store::None, 0..scans.len()), monitor)
 }
 
 /// What the descriptors of `features` mean; `None` when there is none.

@@ -16,6 +16,7 @@ pub(crate) mod exported;
 pub(crate) mod features;
 mod fields;
 pub(crate) mod initial_poses;
+pub(crate) mod kept_surfaces;
 mod las;
 mod lzf;
 mod merged;

@@ -184,7 +184,7 @@ fn key(scan: &Scan, surface: &Surface, settings: String) -> CacheKey {
 }
 
 /// The content of a cloud, whatever file format it came in.
-fn hash_cloud(hasher: &mut blake3::Hasher, cloud: &PointCloud) {
+pub(super) fn hash_cloud(hasher: &mut blake3::Hasher, cloud: &PointCloud) {
     let mut block = Vec::with_capacity(12 * 4096);
     hasher.update(&(cloud.points.len() as u64).to_le_bytes());
     hasher.update(&[u8::from(cloud.viewpoint.is_some())]);
