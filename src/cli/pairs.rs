@@ -17,8 +17,6 @@ use std::path::{Path, PathBuf};
 /// and of these scans and settings, is kept. For the agglomerative method, the default.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    #[command(flatten)]
-    registration: RegistrationOptions,
     /// Folder for the pairs, the same for all shards.
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -27,6 +25,8 @@ pub struct Arguments {
     force: bool,
     #[command(flatten)]
     shard: ShardOption,
+    #[command(flatten)]
+    registration: RegistrationOptions,
 }
 
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {

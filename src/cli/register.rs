@@ -22,8 +22,6 @@ use std::path::{Path, PathBuf};
 /// 6, after everything is written, when no scan could be joined to another.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    #[command(flatten)]
-    registration: RegistrationOptions,
     /// Folder for the result.
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -46,6 +44,8 @@ pub struct Arguments {
     /// stays; the same as output.reference.
     #[arg(long, value_name = "SCAN")]
     reference: Option<String>,
+    #[command(flatten)]
+    registration: RegistrationOptions,
     #[command(flatten)]
     exports: ExportOptions,
 }

@@ -16,7 +16,7 @@ use component_frames::StatedFrames;
 pub use features::{FeatureSource, read_features};
 pub use overruled::Overruled;
 use pair_shards::PairShards;
-pub use pair_shards::{RegisteredShard, register_shard};
+pub use pair_shards::{RegisteredShard, check_shards, register_shard};
 pub use pairs::PairCache;
 pub use shard::Shard;
 pub use stopwatch::Stopwatch;

@@ -61,6 +61,17 @@ pub(crate) fn write_cached(path: &Path, features: &Features, key: &CacheKey) -> 
     write_archive(path, features, Some(key))
 }
 
+/// Features as they are once they were written and read, which may change last bits: what is kept
+/// and what is not must be the same.
+pub(crate) fn as_read(features: Features) -> Features {
+    let normals = features.normals.map(|normals| normals.iter().map(unit).collect());
+    Features { normals, descriptors: features.descriptors.normalized(), ..features }
+}
+
+fn unit(normal: &Direction) -> Direction {
+    normal.try_normalize(0.0).unwrap_or_default()
+}
+
 fn read_archive(path: &Path, mut archive: Archive<'_>, cache_key: Option<&CacheKey>) -> Result<Features> {
     let keys = archive.keys();
     if let Some(key) = cache_key {
@@ -85,8 +96,7 @@ fn read_archive(path: &Path, mut archive: Archive<'_>, cache_key: Option<&CacheK
         same_length((path, "normals", normals.len()), (path, "keypoints", keypoints.len()))?;
     }
     same_length((path, "keypoints", keypoints.len()), (path, "descriptors", descriptors.len()))?;
-    let normals =
-        normals.map(|v| v.iter().map(|p| p.coords.try_normalize(0.0).unwrap_or_default()).collect());
+    let normals = normals.map(|v| v.iter().map(|p| unit(&p.coords)).collect());
     join(path, keypoints, normals, descriptors)
 }
 

@@ -65,7 +65,7 @@ pub(super) fn of_scans(
             let compute = || describer.describe(scan, surface, scale, config.seed);
             let key = || key(scan, surface, describer.features_hash(scale, config.seed));
             let result = match cache {
-                None => (compute()?, false),
+                None => (io::features::as_read(compute()?), false),
                 Some(folder) if must_be_kept => (kept(folder, scan, &key())?, true),
                 Some(folder) => through_cache(folder, &key(), compute)?,
             };
@@ -205,6 +205,20 @@ mod tests {
     fn features(x: f32) -> Features {
         let descriptors = Descriptors::new(2, vec![0.6, 0.8]).unwrap();
         Features::new(vec![Point::new(x, 0.0, 0.0)], None, descriptors).unwrap()
+    }
+
+    #[test]
+    fn what_is_not_kept_is_the_same_as_what_is() {
+        let place = tempfile::tempdir().unwrap();
+        // Lengths whose last bits change when they are made unit length again.
+        let values: Vec<f32> = (1..=300).map(|k| (k as f32).sin() / 3.0).collect();
+        let descriptors = Descriptors::new(3, values.clone()).unwrap().normalized();
+        let normals = values.chunks_exact(3).map(|v| nalgebra::Vector3::new(v[0], v[1], v[2]).normalize());
+        let keypoints = values.chunks_exact(3).map(|v| Point::new(v[0], v[1], v[2])).collect();
+        let computed = Features::new(keypoints, Some(normals.collect()), descriptors).unwrap();
+        let (kept, _) = through_cache(place.path(), &[1; 32], || Ok(computed.clone())).unwrap();
+        assert_ne!(kept, computed);
+        assert_eq!(io::features::as_read(computed), kept);
     }
 
     #[test]

@@ -45,7 +45,7 @@ pub fn register_shard(
 ) -> Result<RegisteredShard> {
     super::check_scans(scans)?;
     config.validate()?;
-    check_method(config, "scanweave pairs")?;
+    check_shards(config)?;
     refuse_other_count(folder, shard.count)?;
     let mut clock = Stopwatch::default();
     let described = describe_timed(scans, config, source, monitor, &mut clock)?;
@@ -141,6 +141,14 @@ fn first_round<'a>(
     config: &'a Config,
 ) -> Result<FirstRound<'a>> {
     FirstRound::new(&described.inputs(), similarity, &config.registration, described.lengths(), config.seed)
+}
+
+/// Refuses settings whose pairs cannot be registered in shards, before anything is computed.
+///
+/// # Errors
+/// [`Error::Setting`] for another method than the agglomerative one.
+pub fn check_shards(config: &Config) -> Result<()> {
+    check_method(config, "shards of pairs")
 }
 
 fn check_method(config: &Config, who: &str) -> Result<()> {
