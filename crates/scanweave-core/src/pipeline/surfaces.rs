@@ -132,7 +132,7 @@ mod tests {
             let points: Vec<Point> = sides.collect();
             let colors = (0..points.len()).map(|i| [i as u8, k as u8, 7]).collect();
             let mut cloud = PointCloud::from_points(points);
-            cloud.colors = (k % 2 == 0).then_some(colors);
+            cloud.colors = k.is_multiple_of(2).then_some(colors);
             cloud.viewpoint = (k == 1).then(|| Point::new(1.0, 1.0, 1.0));
             Scan { cloud, ..Scan::from_points(format!("s{k}"), &[]) }
         };
