@@ -130,7 +130,7 @@ def register(
     folder = Path(output) / "stages" if stages is None else Path(stages)
     own = not ray.is_initialized()
     if own:
-        ray.init(include_dashboard=False)
+        ray.init()
     try:
         limit = max_in_flight or max(1, int(ray.cluster_resources().get("CPU", 1) // num_cpus))
         paths = _paths(scans)
