@@ -9,4 +9,4 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 RUNS="${1:-20000}" scripts/fuzz-campaign.sh 600 \
-    las laz e57 npy npz gzip zip depth-image color-image features kept-pairs head network lits
+    las laz e57 npy npz gzip zip depth-image color-image features kept-pairs pair-shard head network lits

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The Python package from a clean environment: builds the wheel, installs it into a fresh virtual environment, and
-# there runs the tests (with the code of the pages), mypy --strict over package, stubs, tests and examples, and
-# the build of the pages. SCANWEAVE_BINARY may name a binary built by cargo, to compare bytes with.
+# there runs the tests (with the code of the pages, and on a local Ray cluster where Ray can be installed), mypy --strict
+# over package, stubs, tests and examples, and the build of the pages. SCANWEAVE_BINARY may name a binary built by cargo, to compare bytes with.
 # usage: scripts/test-python.sh [WHEEL]
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -22,6 +22,7 @@ bin="$place/venv/bin"
 "$bin/pip" install -q "$wheel"
 # Two commands: this is all that a user needs.
 (cd "$place" && "$bin/python" -c "import scanweave; print(scanweave.__version__)" && "$bin/scanweave" --version)
+"$bin/pip" install -q "$wheel[ray]" || echo "Ray cannot be installed here: its tests are skipped"
 "$bin/pip" install -q pytest mypy tqdm trimesh mkdocs-material 'mkdocstrings[python]'
 
 # Away from the sources, so that what is installed is what is tested.

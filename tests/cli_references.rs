@@ -119,15 +119,23 @@ fn cached_features_of_two_scans_that_are_swapped_are_computed_again() {
     describe("one");
     let entries: Vec<PathBuf> =
         std::fs::read_dir(place.path().join("cache")).unwrap().map(|e| e.unwrap().path()).collect();
-    let [a, b] = &entries[..] else { panic!("{entries:?}") };
-    let (in_a, in_b) = (std::fs::read(a).unwrap(), std::fs::read(b).unwrap());
-    std::fs::write(a, &in_b).unwrap();
-    std::fs::write(b, &in_a).unwrap();
-    describe("two").stderr(contains("features of another scan")).stdout(contains("0 not computed now"));
+    // Thinned scans and features.
+    let is_surface = |path: &PathBuf| path.file_name().unwrap().to_string_lossy().starts_with("surface-");
+    let kinds: (Vec<PathBuf>, Vec<PathBuf>) = entries.into_iter().partition(is_surface);
+    let swapped = [kinds.0, kinds.1].map(|kind| {
+        let [a, b] = &kind[..] else { panic!("{kind:?}") };
+        let both = [a, b].map(|path| (path.clone(), std::fs::read(path).unwrap()));
+        std::fs::write(a, &both[1].1).unwrap();
+        std::fs::write(b, &both[0].1).unwrap();
+        both
+    });
+    describe("two")
+        .stderr(contains("features of another scan").and(contains("surface of another scan")))
+        .stdout(contains("0 not computed now"));
     for name in ["s0.npz", "s1.npz"] {
         let [one, two] = ["one", "two"].map(|o| std::fs::read(place.path().join(o).join(name)).unwrap());
         assert!(one == two, "{name}");
     }
-    assert!(std::fs::read(a).unwrap() == in_a && std::fs::read(b).unwrap() == in_b);
+    assert!(swapped.iter().flatten().all(|(path, bytes)| &std::fs::read(path).unwrap() == bytes));
     describe("three").stderr("").stdout(contains("2 not computed now"));
 }

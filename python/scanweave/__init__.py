@@ -6,7 +6,7 @@
 Result(4 of 4 scans placed, components: 1)
 
 Poses are ``target_from_source`` matrices of shape (4, 4); the pose of a scan is ``world_from_scan``.
-Lengths are metres. The order of scans carries no meaning.
+Lengths are metres. The order of scans carries no meaning. :mod:`scanweave.ray` registers on a Ray cluster.
 """
 
 from ._api import (

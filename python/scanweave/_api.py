@@ -133,7 +133,7 @@ def register(
     inputs = gather(scans, settings, report, recursive, skip_unreadable)
     place = None if cache is None else os.fspath(cache)
     given, weighed = inputs.given, inputs.initial_poses
-    run = native.register(given, settings, weighed, place, _threads(threads), report)
+    run = native.register(given, settings, weighed, place, None, _threads(threads), report)
     inputs.say(run.remarks)
     return Result(run, inputs.remarks)
 

@@ -13,13 +13,16 @@ __all__ = [
     "Run",
     "Scan",
     "__version__",
+    "check_shards",
     "command",
     "describe",
+    "describe_shard",
     "evaluate_poses",
     "predict_overlap",
     "read",
     "register",
     "register_pair",
+    "register_shard",
     "synthesize",
 ]
 
@@ -111,6 +114,7 @@ def register(
     config: Config,
     initial_poses: bool,
     cache: str | None,
+    stages: tuple[str, str] | None,
     threads: int | None,
     progress: Reporter | None,
 ) -> Run: ...
@@ -120,6 +124,26 @@ def register_pair(
 def describe(
     scans: list[_Given], config: Config, threads: int | None, progress: Reporter | None
 ) -> list[tuple[NDArray[np.float64], NDArray[np.float32]]]: ...
+def check_shards(config: Config) -> None: ...
+def describe_shard(
+    scans: list[_Given],
+    config: Config,
+    output: str,
+    shard: tuple[int, int],
+    force: bool,
+    threads: int | None,
+    progress: Reporter | None,
+) -> None: ...
+def register_shard(
+    scans: list[_Given],
+    config: Config,
+    described: str,
+    output: str,
+    shard: tuple[int, int],
+    force: bool,
+    threads: int | None,
+    progress: Reporter | None,
+) -> None: ...
 def predict_overlap(
     scans: list[_Given], config: Config, threads: int | None, progress: Reporter | None
 ) -> NDArray[np.float32]: ...

@@ -8,8 +8,9 @@ use crate::scan::{PyScan, points};
 use crate::watched::watched;
 use numpy::PyArray2;
 use pyo3::prelude::*;
-use scanweave::pipeline::{self, FeatureSource, Stopwatch};
+use scanweave::pipeline::{self, FeatureSource, PairCache, Stopwatch};
 use scanweave::report::remarks::{self, Remark, Weight};
+use scanweave::result_folder::kept_features;
 use scanweave::scan::ScanId;
 use scanweave::synthetic::{self, SynthConfig};
 use scanweave::{Config, Scan, io};
@@ -25,7 +26,7 @@ pub fn said(remarks: Vec<Remark>) -> Vec<Said> {
 }
 
 /// The scans, numbered in their order.
-fn gathered(py: Python<'_>, given: Vec<Given<'_>>) -> PyResult<Vec<Scan>> {
+pub fn gathered(py: Python<'_>, given: Vec<Given<'_>>) -> PyResult<Vec<Scan>> {
     let one = |(id, (scan, take)): (usize, Given<'_>)| {
         let scan = scan.get().give(take).or_raise(py)?;
         Ok(Scan { id: ScanId(id), ..scan })
@@ -52,24 +53,37 @@ pub fn read(
     Ok((read.scans.into_iter().map(PyScan::of).collect(), remarks))
 }
 
-/// `pipeline::run`. Scans with initial poses have these weighed if `initial_poses`.
+/// `pipeline::run`. Scans with initial poses have these weighed if `initial_poses`. `stages` are folders of
+/// features and of first pairs that other processes computed.
 #[pyfunction]
-#[pyo3(signature = (scans, config, initial_poses, cache, threads, progress))]
+#[pyo3(signature = (scans, config, initial_poses, cache, stages, threads, progress))]
+#[expect(clippy::too_many_arguments, reason = "the arguments of a function of Python")]
 pub fn register(
     py: Python<'_>,
     scans: Vec<Given<'_>>,
     config: &Bound<'_, PyConfig>,
     initial_poses: bool,
     cache: Option<PathBuf>,
+    stages: Option<(PathBuf, PathBuf)>,
     threads: Option<usize>,
     progress: Option<Bound<'_, PyAny>>,
 ) -> PyResult<PyRun> {
     let scans = gathered(py, scans)?;
     let mut config: Config = config.get().config.clone();
     config.registration.prior.initial_poses |= initial_poses;
-    let source = cache.as_deref().map_or(FeatureSource::Computed, FeatureSource::Cached);
-    let run =
-        watched(py, progress.as_ref(), threads, |monitor| pipeline::run(&scans, &config, &source, monitor))?;
+    let kept = stages.as_ref().map(|(described, _)| kept_features(described));
+    let source = match (&kept, &cache) {
+        (Some(kept), _) => FeatureSource::Kept(kept),
+        (None, Some(cache)) => FeatureSource::Cached(cache),
+        (None, None) => FeatureSource::Computed,
+    };
+    let run = watched(py, progress.as_ref(), threads, |monitor| match &stages {
+        Some((_, pairs)) => {
+            let cache = PairCache::in_memory();
+            pipeline::run_with_shards(&scans, &config, &source, &cache, Some(pairs.as_path()), monitor)
+        }
+        None => pipeline::run(&scans, &config, &source, monitor),
+    })?;
     Ok(PyRun { scans, config, run, threads })
 }
 

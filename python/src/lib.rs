@@ -10,6 +10,7 @@ mod evaluation;
 mod matrix;
 mod run;
 mod scan;
+mod stages;
 mod watched;
 
 use pyo3::prelude::*;
@@ -33,6 +34,9 @@ fn _scanweave(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(calls::register_pair, module)?)?;
     module.add_function(wrap_pyfunction!(calls::describe, module)?)?;
     module.add_function(wrap_pyfunction!(calls::predict_overlap, module)?)?;
+    module.add_function(wrap_pyfunction!(stages::check_shards, module)?)?;
+    module.add_function(wrap_pyfunction!(stages::describe_shard, module)?)?;
+    module.add_function(wrap_pyfunction!(stages::register_shard, module)?)?;
     module.add_function(wrap_pyfunction!(calls::synthesize, module)?)?;
     module.add_function(wrap_pyfunction!(evaluation::evaluate_poses, module)?)
 }

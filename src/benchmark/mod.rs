@@ -20,8 +20,9 @@ pub(crate) mod suite;
 pub(crate) mod table;
 pub(crate) mod trust;
 
+pub use crate::pipeline::Shard;
 pub use cell::{Cell, CellKey};
 pub use merge::merge;
-pub use plan::{Plan, Shard};
+pub use plan::Plan;
 pub use run::{Options, Progress, run};
 pub use suite::Suite;

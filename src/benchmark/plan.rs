@@ -6,31 +6,12 @@ use crate::Monitor;
 use crate::evaluation::protocol::Protocol;
 use crate::evaluation::scene::{Benchmark, find_scenes};
 use crate::io::scan_files;
+use crate::pipeline::Shard;
 use crate::{Error, Result};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-
-/// A part of the cells: number `index`, from 0, of `count`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Shard {
-    /// Which part.
-    pub index: usize,
-    /// Of how many.
-    pub count: usize,
-}
-
-impl Shard {
-    /// All cells.
-    pub const WHOLE: Self = Self { index: 0, count: 1 };
-
-    /// Cells of this shard out of `cells`: a contiguous stretch, so that few scenes are loaded by
-    /// more than one shard.
-    fn range(self, cells: usize) -> std::ops::Range<usize> {
-        self.index * cells / self.count..(self.index + 1) * cells / self.count
-    }
-}
 
 /// A cell that is to be computed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -93,7 +74,7 @@ impl Tasks {
         Plan { cells: self.tasks.iter().map(|t| t.cell.clone()).collect() }
     }
 
-    /// The tasks of one shard.
+    /// The tasks of one shard: a contiguous stretch, so that few scenes are loaded by more than one.
     pub fn of_shard(&self, shard: Shard) -> &[Task] {
         &self.tasks[shard.range(self.tasks.len())]
     }
@@ -298,20 +279,4 @@ fn cell_hash(
         feature_seed(suite, key.seed),
         dataset.overlap_radius_m,
     )))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn shards_share_out_every_cell_once() {
-        for (cells, count) in [(0, 3), (2, 5), (10, 3), (90, 7)] {
-            let all: Vec<usize> = (0..count).flat_map(|index| Shard { index, count }.range(cells)).collect();
-            assert_eq!(all, (0..cells).collect::<Vec<_>>());
-            let sizes = (0..count).map(|index| Shard { index, count }.range(cells).len());
-            let (low, high) = (sizes.clone().min().unwrap(), sizes.max().unwrap());
-            assert!(high - low <= 1);
-        }
-    }
 }

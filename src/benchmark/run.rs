@@ -2,7 +2,7 @@
 
 use super::cell::{Cell, CellKey, Environment, PeakOf};
 use super::loaded::LoadedScene;
-use super::plan::{self, Plan, Shard, Task, Tasks};
+use super::plan::{self, Plan, Task, Tasks};
 use super::suite::{SimilarityChoice, Suite};
 use crate::Monitor;
 use crate::descriptor::subsample_features;
@@ -10,7 +10,7 @@ use crate::evaluation::dataset::evaluate_scene;
 use crate::evaluation::estimate::SceneEstimate;
 use crate::evaluation::retrieval_scores::RetrievalScores;
 use crate::files;
-use crate::pipeline::{self, Described, Stopwatch};
+use crate::pipeline::{self, Described, Shard, Stopwatch};
 use crate::result::Document;
 use crate::result::{StageTime, peak_memory_bytes, reset_peak_memory};
 use crate::scan::SimilarityMatrix;

@@ -2,6 +2,7 @@
 
 use super::options::ThreadOption;
 use super::progress::Progress;
+use super::shard::ShardOption;
 use super::{Status, Verbosity, terminal};
 use clap::{Args, Subcommand};
 use scanweave::benchmark::table::{self, Table};
@@ -64,11 +65,8 @@ struct RunArguments {
     /// Cells to compute at the same time, each with its share of the threads.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
     jobs: u16,
-    /// Compute only part I of N, counted from 0. Default: the task of a SLURM job array
-    /// (SLURM_ARRAY_TASK_ID, _MIN, _STEP, _COUNT), or of an indexed job
-    /// (JOB_COMPLETION_INDEX with JOB_COMPLETIONS), else everything.
-    #[arg(long, value_name = "I/N", value_parser = parse_shard)]
-    shard: Option<Shard>,
+    #[command(flatten)]
+    shard: ShardOption,
     /// Keep cells that another build of this program computed.
     #[arg(long)]
     any_build: bool,
@@ -93,10 +91,7 @@ fn compute(
     verbosity: &Verbosity,
 ) -> anyhow::Result<Status> {
     let suite = Suite::load(suite)?;
-    let shard = match arguments.shard {
-        Some(shard) => shard,
-        None => shard_of_environment(|name| std::env::var(name).ok())?,
-    };
+    let shard = arguments.shard.shard()?;
     // Parts of a suite never compute the same cell: they may share a folder.
     let _lock = match shard == Shard::WHOLE {
         true => FolderLock::take(output)?,
@@ -150,80 +145,4 @@ fn write_tables(output: &Path, suite: &Suite, plan: &Plan) -> Result<String, Err
 fn build() -> String {
     let program = std::env::current_exe().and_then(std::fs::read);
     program.map_or("unknown".to_owned(), |bytes| blake3::hash(&bytes).to_hex()[..16].to_owned())
-}
-
-fn parse_shard(text: &str) -> Result<Shard, String> {
-    let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
-    match parts {
-        Some((index, count)) if index < count => Ok(Shard { index, count }),
-        _ => Err("expected I/N with I from 0 to N - 1, as in 0/4".to_owned()),
-    }
-}
-
-/// The shard that a cluster's scheduler asks this process for.
-fn shard_of_environment(variable: impl Fn(&str) -> Option<String>) -> Result<Shard, Error> {
-    let number = |name: &str| -> Result<Option<usize>, Error> {
-        variable(name)
-            .map(|text| {
-                let remedy = "unset it, or pass --shard I/N";
-                text.trim()
-                    .parse()
-                    .map_err(|_| Error::setting(name, format!("`{text}`"), "a whole number", remedy))
-            })
-            .transpose()
-    };
-    let (index, count, name) = if let Some(id) = number("SLURM_ARRAY_TASK_ID")? {
-        let least = number("SLURM_ARRAY_TASK_MIN")?.unwrap_or(0);
-        let step = number("SLURM_ARRAY_TASK_STEP")?.unwrap_or(1).max(1);
-        (id.saturating_sub(least) / step, number("SLURM_ARRAY_TASK_COUNT")?, "SLURM_ARRAY_TASK_COUNT")
-    } else if let Some(index) = number("JOB_COMPLETION_INDEX")? {
-        (index, number("JOB_COMPLETIONS")?, "JOB_COMPLETIONS")
-    } else {
-        return Ok(Shard::WHOLE);
-    };
-    match count {
-        Some(count) if index < count => Ok(Shard { index, count }),
-        found => Err(Error::setting(
-            name,
-            found.map_or("nothing".to_owned(), |n| n.to_string()),
-            format!("the number of tasks, more than this task's place {index}"),
-            "set it, or pass --shard I/N",
-        )),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn shard(variables: &[(&str, &str)]) -> Result<Shard, Error> {
-        let find = |name: &str| variables.iter().find(|v| v.0 == name).map(|v| v.1.to_owned());
-        shard_of_environment(find)
-    }
-
-    #[test]
-    fn schedulers_name_the_shard() {
-        assert_eq!(shard(&[]).unwrap(), Shard::WHOLE);
-        // An array of tasks 1, 3, 5 (--array=1-5:2): the last is number 2 of 3.
-        let slurm = [
-            ("SLURM_ARRAY_TASK_ID", "5"),
-            ("SLURM_ARRAY_TASK_MIN", "1"),
-            ("SLURM_ARRAY_TASK_STEP", "2"),
-            ("SLURM_ARRAY_TASK_COUNT", "3"),
-        ];
-        assert_eq!(shard(&slurm).unwrap(), Shard { index: 2, count: 3 });
-        let job = [("JOB_COMPLETION_INDEX", "3"), ("JOB_COMPLETIONS", "4")];
-        assert_eq!(shard(&job).unwrap(), Shard { index: 3, count: 4 });
-        assert!(shard(&job[..1]).unwrap_err().to_string().contains("JOB_COMPLETIONS"));
-        let late = [("JOB_COMPLETION_INDEX", "4"), ("JOB_COMPLETIONS", "4")];
-        assert!(shard(&late).is_err());
-    }
-
-    #[test]
-    fn shards_are_counted_from_zero() {
-        assert_eq!(parse_shard("0/4").unwrap(), Shard { index: 0, count: 4 });
-        for bad in ["4/4", "1", "a/b", "-1/2", "0/0"] {
-            assert!(parse_shard(bad).is_err(), "{bad}");
-        }
-    }
 }

@@ -2,13 +2,14 @@
 
 use super::options::{ReadingOptions, SettingOptions, ThreadOption};
 use super::progress::Progress;
+use super::shard::ShardOption;
 use super::{Status, Verbosity, terminal};
 use clap::Args;
+use scanweave::Error;
 use scanweave::descriptor::DescriptorKind;
-use scanweave::files::{FolderLock, is_same_place, is_within};
-use scanweave::pipeline::{self, FeatureSource};
-use scanweave::scan::Scan;
-use scanweave::{Error, io};
+use scanweave::files::{is_same_place, is_within};
+use scanweave::pipeline::{self, FeatureSource, Shard};
+use scanweave::result_folder::StageFolder;
 use std::path::{Path, PathBuf};
 
 /// Compute local features: keypoints, normals and descriptors of every scan.
@@ -16,7 +17,11 @@ use std::path::{Path, PathBuf};
 /// Writes <scan>.npz for each scan, with keypoints [n,3] in metres, normals [n,3] and descriptors
 /// [n,D] of unit length: what `register --features DIR` reads. The working scale is that of all
 /// scans together, as in a registration. What is computed is kept in cache/ of the output folder,
-/// so that a stopped run goes on where it was.
+/// so that a stopped run goes on where it was, and `pairs` and `register --described DIR` need not
+/// compute it again.
+///
+/// With --shard only a contiguous part of the scans is described, to the same bytes; files of the shard
+/// that are there already are kept.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Scan files, folders of them, globs, or @list.txt with one of these a line.
@@ -36,6 +41,8 @@ pub struct Arguments {
     #[arg(long, value_name = "DIR")]
     cache: Option<PathBuf>,
     #[command(flatten)]
+    shard: ShardOption,
+    #[command(flatten)]
     reading: ReadingOptions,
     #[command(flatten)]
     threads: ThreadOption,
@@ -46,15 +53,15 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
     let mut config = arguments.settings.config()?;
     arguments.reading.format.apply(&mut config.input)?;
-    let _lock = FolderLock::take(&arguments.output)?;
+    let shard = arguments.shard.shard()?;
+    let folder = StageFolder::open(&arguments.output, shard)?;
     arguments.threads.start()?;
     let progress = Progress::start(verbosity)?;
     // Features, which could pass for clouds.
     let is_own =
         |file: &Path| file.extension().is_some_and(|e| e == "npz") && is_within(file, &arguments.output);
     let scans = arguments.reading.read(&arguments.inputs, &config.input, &progress, verbosity, is_own)?;
-    refuse_inputs(arguments, &scans)?;
-    check_output(&arguments.output, &scans, arguments.force)?;
+    refuse_given(arguments)?;
     let given = match &arguments.features {
         Some(place) => {
             config.descriptor.kind = DescriptorKind::Precomputed;
@@ -63,20 +70,21 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
         }
         None => None,
     };
-    let cache = arguments.cache.clone().unwrap_or_else(|| arguments.output.join("cache"));
+    let cache = arguments.cache.clone().unwrap_or_else(|| folder.cache());
     let source = match &given {
         Some(features) => FeatureSource::Given(features),
         None if config.output.feature_cache => FeatureSource::Cached(&cache),
         None => FeatureSource::Computed,
     };
-    let described = pipeline::describe(&scans, &config, &source, &progress)?;
-    for (scan, features) in scans.iter().zip(&described.features_of_files(&scans)) {
-        io::write_features(place_of(&arguments.output, scan), features)?;
-    }
+    let described = folder.describe(&scans, &config, &source, arguments.force, &progress)?;
+    let scans = &scans[described.scans.clone()];
     if !verbosity.quiet {
         let keypoints: usize = described.features.iter().map(|f| f.len()).sum();
         let dim = described.features.iter().map(|f| f.descriptors.dim()).max().unwrap_or(0);
         let reused = described.reused.iter().filter(|r| **r).count();
+        if shard != Shard::WHOLE {
+            terminal::print_line(&format!("shard {shard}"))?;
+        }
         terminal::print_line(&format!(
             "{} of {} scans, {keypoints} keypoints with {dim} values each, {reused} not computed now",
             config.descriptor.descriptor_name(),
@@ -90,40 +98,12 @@ pub fn run(arguments: &Arguments, verbosity: &Verbosity) -> anyhow::Result<Statu
     Ok(Status::Success)
 }
 
-fn place_of(folder: &Path, scan: &Scan) -> PathBuf {
-    folder.join(format!("{}.npz", scan.name))
-}
-
-/// Declines to write over a scan, or over the features that are converted.
-fn refuse_inputs(arguments: &Arguments, scans: &[Scan]) -> Result<(), Error> {
-    let remedy = "choose another folder with --output";
-    if let Some(given) = arguments.features.as_ref().filter(|f| is_same_place(f, &arguments.output)) {
-        let expected = "another folder than that of the result";
-        return Err(Error::setting("--features", given.display().to_string(), expected, remedy));
-    }
-    let own = |scan: &&Scan| {
-        scan.path
-            .as_ref()
-            .is_some_and(|p| scans.iter().any(|s| is_same_place(p, &place_of(&arguments.output, s))))
+/// Declines to write over the features that are converted.
+fn refuse_given(arguments: &Arguments) -> Result<(), Error> {
+    let Some(given) = arguments.features.as_ref().filter(|f| is_same_place(f, &arguments.output)) else {
+        return Ok(());
     };
-    match scans.iter().find(own).and_then(|s| s.path.as_ref()) {
-        Some(path) => {
-            let found = "a scan with the name of the features of a scan";
-            Err(Error::file(path, found, "scans that the features do not replace", remedy))
-        }
-        None => Ok(()),
-    }
-}
-
-/// Makes the folders, and refuses them before minutes are spent.
-fn check_output(folder: &Path, scans: &[Scan], force: bool) -> Result<(), Error> {
-    for scan in scans {
-        let path = place_of(folder, scan);
-        if path.exists() && !force {
-            return Err(Error::OutputExists { path: folder.to_path_buf() });
-        }
-        let parent = path.parent().unwrap_or(folder);
-        std::fs::create_dir_all(parent).map_err(|e| Error::write(parent, e))?;
-    }
-    Ok(())
+    let (expected, remedy) =
+        ("another folder than that of the result", "choose another folder with --output");
+    Err(Error::setting("--features", given.display().to_string(), expected, remedy))
 }

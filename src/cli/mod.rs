@@ -26,10 +26,13 @@ mod logging;
 mod man;
 mod options;
 mod outcome;
+mod pairs;
 mod progress;
 mod register;
+mod registration_options;
 mod report;
 mod sample;
+mod shard;
 mod status;
 mod synth;
 mod terminal;
@@ -74,6 +77,7 @@ enum Command {
     Inspect(inspect::Arguments),
     Demo(demo::Arguments),
     Describe(describe::Arguments),
+    Pairs(pairs::Arguments),
     Evaluate(evaluate::Arguments),
     Diagnose(diagnose::Arguments),
     EvaluateRetrieval(evaluate_retrieval::Arguments),
@@ -122,6 +126,7 @@ fn run(cli: Cli) -> anyhow::Result<Status> {
         Command::Inspect(arguments) => inspect::run(&arguments, &cli.verbosity),
         Command::Demo(arguments) => demo::run(arguments, &cli.verbosity),
         Command::Describe(arguments) => describe::run(&arguments, &cli.verbosity),
+        Command::Pairs(arguments) => pairs::run(&arguments, &cli.verbosity),
         Command::Evaluate(arguments) => evaluate::run(arguments, &cli.verbosity),
         Command::Diagnose(arguments) => diagnose::run(&arguments, &cli.verbosity),
         Command::EvaluateRetrieval(arguments) => evaluate_retrieval::run(arguments, &cli.verbosity),

@@ -1,15 +1,14 @@
 //! `scanweave register`.
 
 use super::export::ExportOptions;
-use super::options::{PriorOptions, ReadingOptions, SettingOptions, ThreadOption, word};
+use super::options::word;
 use super::progress::Progress;
+use super::registration_options::RegistrationOptions;
 use super::{Status, Verbosity, outcome, terminal};
 use clap::Args;
-use scanweave::Error;
-use scanweave::config::{Config, Method};
-use scanweave::descriptor::DescriptorKind;
+use scanweave::config::Config;
 use scanweave::files::is_within;
-use scanweave::pipeline::{self, FeatureSource, PairCache, Stopwatch};
+use scanweave::pipeline::{self, PairCache, Stopwatch};
 use scanweave::result_folder::ResultFolder;
 use scanweave::synchronization::GraphKind;
 use std::path::{Path, PathBuf};
@@ -23,9 +22,6 @@ use std::path::{Path, PathBuf};
 /// 6, after everything is written, when no scan could be joined to another.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Scan files, folders of them, globs, or @list.txt with one of these a line.
-    #[arg(required = true, value_name = "SCANS")]
-    inputs: Vec<String>,
     /// Folder for the result.
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -35,17 +31,10 @@ pub struct Arguments {
     /// Print one JSON document on stdout instead of the table.
     #[arg(long)]
     json: bool,
-    /// Folder of features made by another program: one NPZ a scan, named like the scan, or a
-    /// folder NAME_desc beside Keypoints/ as SGHR and IMVR publish them.
+    /// Folder of the pairs that `scanweave pairs` registered, every shard of them, with the same
+    /// scans and settings. The result is the same.
     #[arg(long, value_name = "DIR")]
-    features: Option<PathBuf>,
-    /// Trained overlap head; the same as retrieval.checkpoint.
-    #[arg(long, value_name = "FILE")]
-    checkpoint: Option<PathBuf>,
-    /// How scans are registered: agglomerative or incremental, or all pairs first and then all poses
-    /// at once (eigse3, l1-irls, rotavg, lits, hara, sghr, pose-graph).
-    #[arg(long, value_name = "NAME", value_parser = method)]
-    method: Option<MethodChoice>,
+    pairs: Option<PathBuf>,
     /// Pairs that a global method registers: full, pruned or sparse; the same as
     /// synchronization.graph.
     #[arg(long, value_name = "KIND", value_parser = word::<GraphKind>)]
@@ -56,45 +45,29 @@ pub struct Arguments {
     #[arg(long, value_name = "SCAN")]
     reference: Option<String>,
     #[command(flatten)]
-    prior: PriorOptions,
-    #[command(flatten)]
-    reading: ReadingOptions,
-    #[command(flatten)]
-    threads: ThreadOption,
+    registration: RegistrationOptions,
     #[command(flatten)]
     exports: ExportOptions,
-    #[command(flatten)]
-    settings: SettingOptions,
 }
 
 pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status> {
+    let options = &arguments.registration;
     let config = effective_config(&arguments)?;
     let folder = ResultFolder::open(&arguments.output, arguments.force)?;
-    arguments.threads.start()?;
+    options.threads.start()?;
     let progress = Progress::start(verbosity)?;
 
     let mut clock = Stopwatch::default();
     let is_own = |file: &Path| is_within(file, &folder.cache());
-    let (reading, inputs) = (&arguments.reading, &arguments.inputs);
-    let mut scans =
-        clock.time("reading", || reading.read(inputs, &config.input, &progress, verbosity, is_own))?;
+    let mut scans = clock.time("reading", || options.read(&config, &progress, verbosity, is_own))?;
     folder.refuse_inputs(&scans)?;
-    arguments.prior.give(&mut scans)?;
-    let given = match &arguments.features {
-        Some(place) => Some(
-            clock.time("features", || pipeline::read_features(place, &scans, &config.input, &progress))?,
-        ),
-        None => None,
-    };
+    options.give_poses(&mut scans)?;
     let cache = folder.cache();
-    let source = match &given {
-        Some(features) => FeatureSource::Given(features),
-        None if config.output.feature_cache => FeatureSource::Cached(&cache),
-        None => FeatureSource::Computed,
-    };
+    let source = clock.time("features", || options.source(&scans, &config, &cache, &progress))?;
     let pairs =
         if config.output.feature_cache { PairCache::in_folder(&cache) } else { PairCache::in_memory() };
-    let run = pipeline::run_with_pairs(&scans, &config, &source, &pairs, &progress)?;
+    let (features, shards) = (source.features(), arguments.pairs.as_deref());
+    let run = pipeline::run_with_shards(&scans, &config, &features, &pairs, shards, &progress)?;
     outcome::warn(&run, &scans);
     let written = folder.write(&scans, &run, &config, &arguments.exports.exports(), clock, &progress)?;
 
@@ -107,45 +80,11 @@ pub fn run(arguments: Arguments, verbosity: &Verbosity) -> anyhow::Result<Status
     Ok(outcome::status(&run.reconstruction))
 }
 
-/// A method as the settings that choose it, key=value.
-#[derive(Debug, Clone)]
-struct MethodChoice(Vec<String>);
-
-fn method(name: &str) -> Result<MethodChoice, String> {
-    const NAMES: &str =
-        "expected agglomerative, incremental, eigse3, l1-irls, rotavg, lits, hara, sghr or pose-graph";
-    let settings = match name {
-        "agglomerative" | "incremental" => {
-            vec!["method=multiview".to_owned(), format!("registration.strategy.kind={name}")]
-        }
-        _ => vec![format!("method={}", word::<Method>(name).map_err(|_| NAMES.to_owned())?)],
-    };
-    Ok(MethodChoice(settings))
-}
-
 fn effective_config(arguments: &Arguments) -> scanweave::Result<Config> {
     let graph = arguments.graph.map(|graph| format!("synchronization.graph={graph}"));
-    let flags: Vec<String> = arguments.method.iter().flat_map(|m| m.0.clone()).chain(graph).collect();
-    let mut config = arguments.settings.config_with(&flags)?;
-    arguments.reading.format.apply(&mut config.input)?;
-    arguments.prior.apply(&mut config)?;
+    let mut config = arguments.registration.config(graph)?;
     if arguments.reference.is_some() {
         config.output.reference.clone_from(&arguments.reference);
-    }
-    if let Some(checkpoint) = &arguments.checkpoint {
-        config.retrieval.checkpoint = Some(checkpoint.clone());
-    }
-    match (&arguments.features, config.descriptor.kind) {
-        (Some(_), _) => config.descriptor.kind = DescriptorKind::Precomputed,
-        (None, DescriptorKind::Precomputed) => {
-            return Err(Error::setting(
-                "descriptor.kind",
-                "precomputed, without a folder to read from",
-                "--features DIR with it",
-                "pass --features, or set another kind",
-            ));
-        }
-        (None, _) => {}
     }
     Ok(config)
 }

@@ -1,8 +1,10 @@
 //! The output folder of a registration: what `scanweave register` and the Python package write.
 
 mod exports;
+mod stages;
 
 pub use exports::{Exports, GraphFormat, Registration, TrajectoryFormat};
+pub use stages::{StageFolder, kept_features};
 
 use crate::config::Config;
 use crate::files::{self, FolderLock, is_same_place};

@@ -135,7 +135,7 @@ fn each_scene(
     }
     let cache = match source {
         FeatureSource::Cached(folder) => Some(*folder),
-        FeatureSource::Computed | FeatureSource::Given(_) => None,
+        _ => None,
     };
     for entry in synth {
         for &seed in &entry.seeds {

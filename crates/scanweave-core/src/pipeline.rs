@@ -6,28 +6,36 @@ mod features;
 mod fine_refinement;
 mod frames;
 mod overruled;
+mod pair_shards;
 mod pairs;
+mod shard;
 mod stopwatch;
+mod surfaces;
 
 use component_frames::StatedFrames;
 pub use features::{FeatureSource, read_features};
 pub use overruled::Overruled;
+use pair_shards::PairShards;
+pub use pair_shards::{RegisteredShard, check_shards, register_shard};
 pub use pairs::PairCache;
+pub use shard::Shard;
 pub use stopwatch::Stopwatch;
+use surfaces::Store;
 
 use crate::config::Config;
 use crate::descriptor::{Describer, DescriptorKind};
 use crate::error::{Error, Result};
 use crate::geometry::RigidMotion;
 use crate::monitor::Monitor;
-use crate::preprocessing::{ScaleWarning, Thinned, ViewpointStudy, local_frame, scale};
-use crate::registration::{self, Lengths, PosePrior, ScanInput, prior};
+use crate::preprocessing::{ScaleChoice, ScaleWarning, local_frame, scale};
+use crate::registration::{self, Lengths, PosePrior, ScanInput, ScanPair, prior};
 use crate::result::StageTime;
 use crate::retrieval::{self, Checkpoint, DescriptorTag, HeadChoice, HeadOrigin, SimilaritySource, shipped};
 use crate::scan::{
     Features, PointCloud, PoseGraph, Reconstruction, Scan, SimilarityMatrix, Surface, WorkingScale,
 };
-use rayon::prelude::*;
+use std::ops::Range;
+use std::path::Path;
 
 /// What a run made, stage by stage; everything is in the order of the scans.
 #[derive(Debug)]
@@ -73,7 +81,7 @@ pub fn run(
 ) -> Result<Run> {
     let pairs = match source {
         FeatureSource::Cached(folder) => PairCache::in_folder(folder),
-        FeatureSource::Computed | FeatureSource::Given(_) => PairCache::in_memory(),
+        _ => PairCache::in_memory(),
     };
     run_with_pairs(scans, config, source, &pairs, monitor)
 }
@@ -89,15 +97,37 @@ pub fn run_with_pairs(
     pairs: &PairCache,
     monitor: &dyn Monitor,
 ) -> Result<Run> {
+    run_with_shards(scans, config, source, pairs, None, monitor)
+}
+
+/// [`run_with_pairs`], with the first pairs of the agglomerative registration from the files in the folder
+/// `shards`, where one is given, as [`register_shard`] wrote them: the result is the same.
+///
+/// # Errors
+/// As [`run`], and [`Error::File`] for a missing shard and for pairs of other scans or settings.
+pub fn run_with_shards(
+    scans: &[Scan],
+    config: &Config,
+    source: &FeatureSource<'_>,
+    pairs: &PairCache,
+    shards: Option<&Path>,
+    monitor: &dyn Monitor,
+) -> Result<Run> {
     check_scans(scans)?;
     config.validate()?;
     let mut clock = Stopwatch::default();
+    // Before minutes are spent on scans that they are not of.
+    let read = |folder| PairShards::read(folder, config, scans.len(), monitor);
+    let shards = clock.time("registration", || shards.map(read).transpose())?;
     let described = describe_timed(scans, config, source, monitor, &mut clock)?;
     // Before minutes are spent, as a name may be wrong.
     let reference = config.output.reference.as_deref();
     let stated = StatedFrames::new(scans, &described.frames, &described.surfaces, reference)?;
     let (similarity, head) = predict_overlap(&described, config, monitor, &mut clock)?;
-    let mut registered = register_locally(&described, &similarity, config, pairs, monitor, &mut clock)?;
+    let pairs_of = |shards: PairShards| shards.pairs(&described, &similarity, config);
+    let first_round = clock.time("registration", || shards.map(pairs_of).transpose())?;
+    let known = Known { pairs, first_round };
+    let mut registered = register_locally(&described, &similarity, config, known, monitor, &mut clock)?;
     if config.method.synchronization().is_none() {
         clock.time("fine refinement", || {
             let Described { scale, frames, surfaces, .. } = &described;
@@ -193,8 +223,17 @@ pub fn register_with_pairs(
     monitor: &dyn Monitor,
     clock: &mut Stopwatch,
 ) -> Result<Registered> {
-    let registered = register_locally(described, similarity, config, pairs, monitor, clock)?;
+    let known = Known { pairs, first_round: None };
+    let registered = register_locally(described, similarity, config, known, monitor, clock)?;
     Ok(registered.in_files(&described.frames, &StatedFrames::of_pivots(&described.frames)))
+}
+
+/// Pairs that were registered before.
+struct Known<'a> {
+    /// Of pose graphs.
+    pairs: &'a PairCache,
+    /// Of the agglomerative registration, in the canonical order.
+    first_round: Option<Vec<ScanPair>>,
 }
 
 /// [`register_with_pairs`] with poses of the scans' own frames.
@@ -202,27 +241,20 @@ fn register_locally(
     described: &Described,
     similarity: &SimilarityMatrix,
     config: &Config,
-    pairs: &PairCache,
+    known: Known<'_>,
     monitor: &dyn Monitor,
     clock: &mut Stopwatch,
 ) -> Result<Registered> {
-    let Described { scale, surfaces, features, priors, .. } = described;
-    let lengths = Lengths { inlier_radius_m: scale.inlier_radius_m, voxel_m: scale.voxel_m };
+    let (inputs, lengths) = (described.inputs(), described.lengths());
     clock.time("registration", || {
-        let scans = features.iter().zip(surfaces);
-        let known = priors.iter().copied().chain(std::iter::repeat(PosePrior::default()));
-        let inputs: Vec<_> = scans
-            .zip(known)
-            .map(|((features, surface), prior)| ScanInput { prior, ..ScanInput::new(features, surface) })
-            .collect();
         let Some(method) = config.method.synchronization() else {
-            let settings = &config.registration;
+            let (settings, seed, first) = (&config.registration, config.seed, known.first_round);
             let reconstruction =
-                registration::register(&inputs, similarity, settings, lengths, config.seed, monitor)?;
+                registration::register_from(&inputs, similarity, settings, lengths, seed, first, monitor)?;
             return Ok(Registered { pose_graph: None, reconstruction });
         };
         let (graph, reconstruction) =
-            pairs::synchronize(&inputs, similarity, method, config, lengths, pairs, monitor)?;
+            pairs::synchronize(&inputs, similarity, method, config, lengths, known.pairs, monitor)?;
         Ok(Registered { pose_graph: Some(graph), reconstruction })
     })
 }
@@ -255,6 +287,19 @@ impl Described {
         };
         self.features.iter().zip(scans).zip(&self.frames).map(of).collect()
     }
+
+    /// What the registration needs of every scan.
+    fn inputs(&self) -> Vec<ScanInput<'_>> {
+        let known = self.priors.iter().copied().chain(std::iter::repeat(PosePrior::default()));
+        let scans = self.features.iter().zip(&self.surfaces).zip(known);
+        scans
+            .map(|((features, surface), prior)| ScanInput { prior, ..ScanInput::new(features, surface) })
+            .collect()
+    }
+
+    fn lengths(&self) -> Lengths {
+        Lengths { inlier_radius_m: self.scale.inlier_radius_m, voxel_m: self.scale.voxel_m }
+    }
 }
 
 /// The first stages of [`run`]: scale → surfaces → features.
@@ -281,25 +326,111 @@ pub fn describe_timed(
     monitor: &dyn Monitor,
     clock: &mut Stopwatch,
 ) -> Result<Described> {
-    let given: Vec<Features>;
-    let (local, frames) = clock.time("scale", || local_frame::localize(scans));
-    let source = match source {
-        FeatureSource::Given(features) if features.len() == scans.len() => {
-            let scans = features.iter().zip(scans).zip(&frames);
-            given = scans.map(|((features, scan), frame)| frames::to_local(features, scan, frame)).collect();
-            &FeatureSource::Given(&given)
-        }
-        other => other,
+    let store = match source {
+        FeatureSource::Kept(folder) => Store::Read(folder),
+        _ => Store::None,
     };
-    let clouds: Vec<&PointCloud> = local.iter().map(|s| &s.cloud).collect();
-    let choice = clock.time("scale", || scale::choose(&config.scale, &clouds))?;
-    let scale = choice.scale;
-    let surfaces = clock.time("surfaces", || thin(&local, &frames, &scale, monitor))?;
+    let prepared = Prepared::new(scans, config, (store, 0..scans.len()), monitor, clock)?;
     let (features, reused) =
-        clock.time("features", || features::of_scans(&local, &surfaces, &scale, config, source, monitor))?;
+        clock.time("features", || prepared.features(scans, config, source, 0..scans.len(), monitor))?;
+    let Prepared { local, frames, surfaces, choice } = prepared;
     let known = local.iter().map(|s| s.initial_pose).zip(frames.iter().copied());
-    let priors = prior::priors(&config.registration.prior, scale.inlier_radius_m, known);
-    Ok(Described { scale, warnings: choice.warnings, frames, surfaces, features, reused, priors })
+    let priors = prior::priors(&config.registration.prior, choice.scale.inlier_radius_m, known);
+    let (scale, warnings) = (choice.scale, choice.warnings);
+    Ok(Described { scale, warnings, frames, surfaces, features, reused, priors })
+}
+
+/// Features of the scans of a shard.
+#[derive(Debug, Clone)]
+pub struct DescribedShard {
+    /// Which of the scans.
+    pub scans: Range<usize>,
+    /// Features of each of them relative to its cloud's origin, as files hold them.
+    pub features: Vec<Features>,
+    /// Whether they were read instead of computed.
+    pub reused: Vec<bool>,
+}
+
+/// [`describe`] of one shard of the scans, a contiguous stretch. The lengths, and where scans were seen from, are
+/// chosen from all scans: features are the same as without shards. Thinned scans are kept beside features, where
+/// other shards and stages find them.
+///
+/// # Errors
+/// As [`describe`].
+pub fn describe_shard(
+    scans: &[Scan],
+    config: &Config,
+    source: &FeatureSource<'_>,
+    shard: Shard,
+    monitor: &dyn Monitor,
+) -> Result<DescribedShard> {
+    let part = shard.range(scans.len());
+    let store = match source {
+        FeatureSource::Cached(folder) => {
+            std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
+            Store::ReadAndWrite(folder)
+        }
+        FeatureSource::Kept(folder) => Store::Read(folder),
+        _ => Store::None,
+    };
+    let mut clock = Stopwatch::default();
+    let prepared = Prepared::new(scans, config, (store, part.clone()), monitor, &mut clock)?;
+    let (features, reused) = prepared.features(scans, config, source, part.clone(), monitor)?;
+    let of = |(features, scan): (Features, usize)| {
+        frames::from_local(&features, &scans[scan], &prepared.frames[scan])
+    };
+    let features = features.into_iter().zip(part.clone()).map(of).collect();
+    Ok(DescribedShard { scans: part, features, reused })
+}
+
+/// Scans as far as all of them together decide them, before features.
+struct Prepared {
+    /// In their own frames.
+    local: Vec<Scan>,
+    frames: Vec<RigidMotion>,
+    surfaces: Vec<Surface>,
+    choice: ScaleChoice,
+}
+
+impl Prepared {
+    fn new(
+        scans: &[Scan],
+        config: &Config,
+        store: (Store<'_>, Range<usize>),
+        monitor: &dyn Monitor,
+        clock: &mut Stopwatch,
+    ) -> Result<Self> {
+        let (local, frames) = clock.time("scale", || local_frame::localize(scans));
+        let clouds: Vec<&PointCloud> = local.iter().map(|s| &s.cloud).collect();
+        let choice = clock.time("scale", || scale::choose(&config.scale, &clouds))?;
+        let surfaces =
+            clock.time("surfaces", || surfaces::thinned(&local, &frames, &choice.scale, store, monitor))?;
+        Ok(Self { local, frames, surfaces, choice })
+    }
+
+    /// Features of some of the scans, which `scans` are as they were read.
+    fn features(
+        &self,
+        scans: &[Scan],
+        config: &Config,
+        source: &FeatureSource<'_>,
+        part: Range<usize>,
+        monitor: &dyn Monitor,
+    ) -> Result<(Vec<Features>, Vec<bool>)> {
+        let given: Vec<Features>;
+        let (source, part) = match source {
+            FeatureSource::Given(features) if features.len() == scans.len() => {
+                let of = |i: usize| frames::to_local(&features[i], &scans[i], &self.frames[i]);
+                given = part.clone().map(of).collect();
+                (&FeatureSource::Given(&given), part)
+            }
+            // Refused, for all scans.
+            FeatureSource::Given(_) => (source, 0..scans.len()),
+            other => (other, part),
+        };
+        let (local, surfaces) = (&self.local[part.clone()], &self.surfaces[part]);
+        features::of_scans(local, surfaces, &self.choice.scale, config, source, monitor)
+    }
 }
 
 fn check_scans(scans: &[Scan]) -> Result<()> {
@@ -324,23 +455,7 @@ pub fn thin(
     scale: &WorkingScale,
     monitor: &dyn Monitor,
 ) -> Result<Vec<Surface>> {
-    const STAGE: &str = "surfaces";
-    monitor.begin(STAGE, scans.len());
-    let thinned: Vec<Result<Thinned>> = scans
-        .par_iter()
-        .zip(scan_from_local)
-        .map(|(scan, frame)| {
-            monitor.check(STAGE)?;
-            let surface = Thinned::new(&scan.cloud, &local_frame::file_zero(frame), scale);
-            monitor.advance(1);
-            Ok(surface)
-        })
-        .collect();
-    monitor.end();
-    let thinned = thinned.into_iter().collect::<Result<Vec<_>>>()?;
-    let studies: Vec<ViewpointStudy> = thinned.iter().map(|t| t.study).collect();
-    let places = ViewpointStudy::decide(&studies);
-    Ok(thinned.into_par_iter().zip(places).map(|(thinned, place)| thinned.seen_from(&place)).collect())
+    surfaces::thinned(scans, scan_from_local, scale, (Store::None, 0..scans.len()), monitor)
 }
 
 /// What the descriptors of `features` mean; `None` when there is none.

@@ -61,6 +61,17 @@ pub(crate) fn write_cached(path: &Path, features: &Features, key: &CacheKey) -> 
     write_archive(path, features, Some(key))
 }
 
+/// Features as they are once they were written and read, which may change last bits: what is kept
+/// and what is not must be the same.
+pub(crate) fn as_read(features: Features) -> Features {
+    let normals = features.normals.map(|normals| normals.iter().map(unit).collect());
+    Features { normals, descriptors: features.descriptors.normalized(), ..features }
+}
+
+fn unit(normal: &Direction) -> Direction {
+    normal.try_normalize(0.0).unwrap_or_default()
+}
+
 fn read_archive(path: &Path, mut archive: Archive<'_>, cache_key: Option<&CacheKey>) -> Result<Features> {
     let keys = archive.keys();
     if let Some(key) = cache_key {
@@ -85,8 +96,7 @@ fn read_archive(path: &Path, mut archive: Archive<'_>, cache_key: Option<&CacheK
         same_length((path, "normals", normals.len()), (path, "keypoints", keypoints.len()))?;
     }
     same_length((path, "keypoints", keypoints.len()), (path, "descriptors", descriptors.len()))?;
-    let normals =
-        normals.map(|v| v.iter().map(|p| p.coords.try_normalize(0.0).unwrap_or_default()).collect());
+    let normals = normals.map(|v| v.iter().map(|p| unit(&p.coords)).collect());
     join(path, keypoints, normals, descriptors)
 }
 
@@ -109,26 +119,31 @@ pub fn write_features(path: impl AsRef<Path>, features: &Features) -> Result<()>
     write_archive(path.as_ref(), features, None)
 }
 
+/// Whether a file holds what [`write_features`] writes for these features, to the last byte.
+pub fn holds_these_features(path: impl AsRef<Path>, features: &Features) -> bool {
+    let written = files::read(path.as_ref()).ok();
+    written.is_some_and(|bytes| archive(features, None).is_ok_and(|expected| bytes == expected))
+}
+
 fn write_archive(path: &Path, features: &Features, cache_key: Option<&CacheKey>) -> Result<()> {
+    atomic::write(path, |sink| sink.write_all(&archive(features, cache_key)?))
+}
+
+fn archive(features: &Features, cache_key: Option<&CacheKey>) -> io::Result<Vec<u8>> {
     let triples = |rows: &mut dyn Iterator<Item = Vector3<f32>>| {
         let flat: Vec<f32> = rows.flat_map(|v| [v.x, v.y, v.z]).collect();
         Array2::from_shape_vec((flat.len() / 3, 3), flat).map_err(io::Error::other)
     };
-    atomic::write(path, |sink| {
-        let shape = (features.len(), features.descriptors.dim());
-        let values = features.descriptors.values().to_vec();
-        let descriptors = Array2::from_shape_vec(shape, values).map_err(io::Error::other)?;
-        let keypoints = triples(&mut features.keypoints.iter().map(|p| p.coords))?;
-        let normals = features.normals.as_ref().map(|n| triples(&mut n.iter().copied())).transpose()?;
-        let archive = npz::archive(|npz| {
-            npz.add_array("keypoints", &keypoints)?;
-            npz.add_array("descriptors", &descriptors)?;
-            normals.iter().try_for_each(|normals| npz.add_array("normals", normals))?;
-            cache_key
-                .iter()
-                .try_for_each(|key| npz.add_array(CACHE_KEY, &Array1::from_iter(key.iter().copied())))
-        })?;
-        sink.write_all(&archive)
+    let shape = (features.len(), features.descriptors.dim());
+    let values = features.descriptors.values().to_vec();
+    let descriptors = Array2::from_shape_vec(shape, values).map_err(io::Error::other)?;
+    let keypoints = triples(&mut features.keypoints.iter().map(|p| p.coords))?;
+    let normals = features.normals.as_ref().map(|n| triples(&mut n.iter().copied())).transpose()?;
+    npz::archive(|npz| {
+        npz.add_array("keypoints", &keypoints)?;
+        npz.add_array("descriptors", &descriptors)?;
+        normals.iter().try_for_each(|normals| npz.add_array("normals", normals))?;
+        cache_key.iter().try_for_each(|key| npz.add_array(CACHE_KEY, &Array1::from_iter(key.iter().copied())))
     })
 }
 

@@ -16,6 +16,7 @@ pub(crate) mod exported;
 pub(crate) mod features;
 mod fields;
 pub(crate) mod initial_poses;
+pub(crate) mod kept_surfaces;
 mod las;
 mod lzf;
 mod merged;
@@ -26,6 +27,7 @@ mod npy_header;
 mod npz;
 mod overlaps;
 mod packed;
+mod pair_shards;
 pub(crate) mod pairs;
 mod pcd;
 mod pcd_header;
@@ -57,12 +59,17 @@ pub use depth::{
 };
 pub use discover::{Discovered, FoundFile, LeftOut, discover, discover_with, scan_files};
 pub use features::{
-    holds_features, read_features, read_features_with, read_sghr_features, read_sghr_scan, write_features,
+    holds_features, holds_these_features, read_features, read_features_with, read_sghr_features,
+    read_sghr_scan, write_features,
 };
 pub use initial_poses::read_initial_poses;
 pub use merged::{merged_run, read_merged};
 pub use named_file::check_named_scan;
 pub use overlaps::read_overlaps;
+pub use pair_shards::{
+    PairShard, PairShardHeader, ShardHypothesis, ShardPair, pair_shard_name, pair_shard_of_name,
+    read_pair_shard, write_pair_shard,
+};
 pub use pairs::{Pairs, read_pairs, write_pairs};
 pub use pose_graphs::{GraphEdge, GraphNode, PoseGraphFile, write_g2o, write_open3d_pose_graph};
 pub use poses::{

@@ -22,6 +22,12 @@ impl Number for u8 {
     }
 }
 
+impl Number for u32 {
+    fn of(value: f64) -> Self {
+        value as u32
+    }
+}
+
 impl Number for f32 {
     fn of(value: f64) -> Self {
         value as f32

@@ -8,10 +8,10 @@ use crate::io::{self, ReadOptions};
 use crate::monitor::Monitor;
 use crate::scan::{Features, PointCloud, Scan, Surface, WorkingScale};
 use rayon::prelude::*;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Raised when cached features of an older version must not be used any more.
-const CACHE_VERSION: u32 = 3;
+const CACHE_VERSION: u32 = 4;
 const STAGE: &str = "features";
 
 /// Where features may come from.
@@ -21,6 +21,8 @@ pub enum FeatureSource<'a> {
     Computed,
     /// Computed, and kept in this folder, which is made when needed.
     Cached(&'a Path),
+    /// From this folder, where an earlier run kept them: one that it lacks is an error.
+    Kept(&'a Path),
     /// Computed by another program, one entry a scan.
     Given(&'a [Features]),
 }
@@ -34,7 +36,7 @@ pub(super) fn of_scans(
     source: &FeatureSource<'_>,
     monitor: &dyn Monitor,
 ) -> Result<(Vec<Features>, Vec<bool>)> {
-    let cache = match source {
+    let (cache, must_be_kept) = match source {
         FeatureSource::Given(features) if features.len() == scans.len() => {
             return Ok((features.to_vec(), vec![true; scans.len()]));
         }
@@ -46,10 +48,11 @@ pub(super) fn of_scans(
                 "give the features of exactly these scans",
             ));
         }
-        FeatureSource::Computed => None,
+        FeatureSource::Computed => (None, false),
+        FeatureSource::Kept(folder) => (Some(*folder), true),
         FeatureSource::Cached(folder) => {
             std::fs::create_dir_all(folder).map_err(|e| Error::write(folder, e))?;
-            Some(*folder)
+            (Some(*folder), false)
         }
     };
     let describer = Describer::new(&config.descriptor)?;
@@ -60,9 +63,11 @@ pub(super) fn of_scans(
         .map(|(scan, surface)| {
             monitor.check(STAGE)?;
             let compute = || describer.describe(scan, surface, scale, config.seed);
+            let key = || key(scan, surface, describer.features_hash(scale, config.seed));
             let result = match cache {
-                None => (compute()?, false),
-                Some(folder) => through_cache(folder, &key(scan, scale, &describer, config.seed), compute)?,
+                None => (io::features::as_read(compute()?), false),
+                Some(folder) if must_be_kept => (kept(folder, scan, &key())?, true),
+                Some(folder) => through_cache(folder, &key(), compute)?,
             };
             monitor.advance(1);
             Ok(result)
@@ -82,7 +87,7 @@ fn through_cache(
     key: &CacheKey,
     compute: impl FnOnce() -> Result<Features>,
 ) -> Result<(Features, bool)> {
-    let path = &folder.join(format!("{}.npz", &blake3::Hash::from(*key).to_hex()[..32]));
+    let path = &entry(folder, key);
     if path.exists() {
         match io::features::read_cached(path, key) {
             Ok(features) => return Ok((features, true)),
@@ -93,6 +98,27 @@ fn through_cache(
     // Reading normalises descriptors, which may change a last bit: only what was read back is
     // the same in this run and in the next.
     Ok((io::features::read_cached(path, key)?, false))
+}
+
+/// The features of a scan that an earlier run kept.
+fn kept(folder: &Path, scan: &Scan, key: &CacheKey) -> Result<Features> {
+    let path = entry(folder, key);
+    if path.exists() {
+        return io::features::read_cached(&path, key).map_err(|error| match error {
+            Error::File { path, found, expected, .. } => {
+                Error::file(path, found, expected, "delete it and run `scanweave describe` again")
+            }
+            other => other,
+        });
+    }
+    let found = format!("no features of {} among these scans, with these settings and this seed", scan.name);
+    let expected = "those of every scan, as `scanweave describe` keeps them";
+    let remedy = "run `scanweave describe` with the same scans and settings, for every shard";
+    Err(Error::file(folder, found, expected, remedy))
+}
+
+fn entry(folder: &Path, key: &CacheKey) -> PathBuf {
+    folder.join(format!("{}.npz", &blake3::Hash::from(*key).to_hex()[..32]))
 }
 
 /// Features of every scan that another program computed: `<folder>/<name of the scan>.npz`, or,
@@ -143,17 +169,22 @@ fn number_of(scan: &Scan) -> Result<usize> {
     })
 }
 
-/// Digest of everything that the features of a scan depend on: its content and the settings.
-fn key(scan: &Scan, scale: &WorkingScale, describer: &Describer, seed: u64) -> CacheKey {
+/// Digest of everything that the features of a scan depend on: its content, the settings, and what its
+/// collection decides, the lengths among the settings and where it was seen from.
+fn key(scan: &Scan, surface: &Surface, settings: String) -> CacheKey {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&CACHE_VERSION.to_le_bytes());
-    hasher.update(describer.features_hash(scale, seed).as_bytes());
+    hasher.update(settings.as_bytes());
     hash_cloud(&mut hasher, &scan.cloud);
+    let place = surface.viewpoint.coords.iter().chain([&surface.viewpoint_confidence]);
+    place.for_each(|v| {
+        hasher.update(&v.to_le_bytes());
+    });
     hasher.finalize().into()
 }
 
 /// The content of a cloud, whatever file format it came in.
-fn hash_cloud(hasher: &mut blake3::Hasher, cloud: &PointCloud) {
+pub(super) fn hash_cloud(hasher: &mut blake3::Hasher, cloud: &PointCloud) {
     let mut block = Vec::with_capacity(12 * 4096);
     hasher.update(&(cloud.points.len() as u64).to_le_bytes());
     hasher.update(&[u8::from(cloud.viewpoint.is_some())]);
@@ -174,6 +205,20 @@ mod tests {
     fn features(x: f32) -> Features {
         let descriptors = Descriptors::new(2, vec![0.6, 0.8]).unwrap();
         Features::new(vec![Point::new(x, 0.0, 0.0)], None, descriptors).unwrap()
+    }
+
+    #[test]
+    fn what_is_not_kept_is_the_same_as_what_is() {
+        let place = tempfile::tempdir().unwrap();
+        // Lengths whose last bits change when they are made unit length again.
+        let values: Vec<f32> = (1..=300).map(|k| (k as f32).sin() / 3.0).collect();
+        let descriptors = Descriptors::new(3, values.clone()).unwrap().normalized();
+        let normals = values.chunks_exact(3).map(|v| nalgebra::Vector3::new(v[0], v[1], v[2]).normalize());
+        let keypoints = values.chunks_exact(3).map(|v| Point::new(v[0], v[1], v[2])).collect();
+        let computed = Features::new(keypoints, Some(normals.collect()), descriptors).unwrap();
+        let (kept, _) = through_cache(place.path(), &[1; 32], || Ok(computed.clone())).unwrap();
+        assert_ne!(kept, computed);
+        assert_eq!(io::features::as_read(computed), kept);
     }
 
     #[test]

@@ -37,6 +37,16 @@ impl Thinned {
         Self { surface: Surface { points, normals, intensities, ..Surface::default() }, study }
     }
 
+    /// One that was thinned before.
+    pub(crate) fn of_parts(surface: Surface, study: ViewpointStudy) -> Self {
+        Self { surface, study }
+    }
+
+    /// The surface, whose normals may point to either side, without a viewpoint.
+    pub(crate) fn surface(&self) -> &Surface {
+        &self.surface
+    }
+
     /// The surface with its normals turned to where it was seen from.
     pub fn seen_from(self, seen_from: &SeenFrom) -> Surface {
         let Surface { points, mut normals, intensities, .. } = self.surface;

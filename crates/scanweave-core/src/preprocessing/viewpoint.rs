@@ -84,6 +84,29 @@ impl ViewpointStudy {
         Self { stated: stated.map(&mut presumed), zero: presumed(file_zero), found }
     }
 
+    /// As numbers, for files.
+    pub(crate) fn to_numbers(self) -> Vec<f32> {
+        let of = |(against, seen): (f32, SeenFrom)| {
+            let SeenFrom { viewpoint: v, hidden_share, confidence } = seen;
+            [against, v.x, v.y, v.z, hidden_share, confidence]
+        };
+        let all = [Some(self.zero), Some(self.found), self.stated];
+        all.into_iter().flatten().flat_map(of).collect()
+    }
+
+    /// What [`Self::to_numbers`] gave.
+    pub(crate) fn of_numbers(numbers: &[f32]) -> Option<Self> {
+        let of = |&[against, x, y, z, hidden_share, confidence]: &[f32; 6]| {
+            (against, SeenFrom { viewpoint: Point::new(x, y, z), hidden_share, confidence })
+        };
+        match numbers.as_chunks::<6>() {
+            ([zero, found, stated @ ..], []) if stated.len() <= 1 => {
+                Some(Self { stated: stated.first().map(of), zero: of(zero), found: of(found) })
+            }
+            _ => None,
+        }
+    }
+
     /// The stated place where it goes with the shape.
     fn stated(&self) -> Option<SeenFrom> {
         self.stated.filter(|s| s.0 <= self.found.0 + PLAUSIBLE).map(|s| s.1)

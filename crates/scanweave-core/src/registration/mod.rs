@@ -14,6 +14,7 @@ pub(crate) mod scan_model;
 pub(crate) mod usability;
 pub(crate) mod verification;
 
+pub use agglomerative::first_round::FirstRound;
 pub use agglomerative::pairs::{PairScorer, ScanPair, ScoredPairs, most_similar_pairs, score_pairs};
 pub use agglomerative::{Agglomeration, Component, Finished, Join, Proposal};
 pub use input::{ContentDigest, MIN_KEYPOINTS};
@@ -67,14 +68,31 @@ pub fn register(
     seed: u64,
     monitor: &dyn Monitor,
 ) -> Result<Reconstruction> {
+    register_from(scans, similarity, config, lengths, seed, None, monitor)
+}
+
+/// [`register`] with the pairs of the [`FirstRound`] of these very scans and settings, all of them, where they
+/// were registered before: the result is the same.
+///
+/// # Errors
+/// As [`register`].
+pub fn register_from(
+    scans: &[ScanInput<'_>],
+    similarity: &SimilarityMatrix,
+    config: &RegistrationConfig,
+    lengths: Lengths,
+    seed: u64,
+    first_round: Option<Vec<ScanPair>>,
+    monitor: &dyn Monitor,
+) -> Result<Reconstruction> {
     config.validate()?;
     input::check_shapes(scans, similarity)?;
     let order = CanonicalOrder::new(scans);
     let (scans, similarity) = (&order.scans(scans), &order.similarity(similarity)?);
     let reconstruction = match (&config.strategy, config.verification.surfaces()) {
         (Strategy::Agglomerative(settings), Some(surfaces)) => {
-            let settings = (settings, surfaces);
-            agglomerative::register(scans, similarity, config, settings, lengths, seed, monitor)
+            let settings = (config, settings, surfaces);
+            agglomerative::register(scans, similarity, settings, lengths, seed, first_round, monitor)
         }
         (Strategy::Incremental(settings), _) => {
             incremental::register(scans, similarity, config, settings, lengths, seed, monitor)

@@ -1,10 +1,16 @@
 //! Scans that fix no pose, whatever they are registered with.
 
-use super::input::ScanInput;
+use super::input::{Lengths, MIN_KEYPOINTS, ScanInput};
 use crate::geometry::Point;
-use crate::scan::DeclineReason;
 use crate::scan::strays::middle_and_size;
+use crate::scan::{DeclineReason, ScanId};
 use nalgebra::{Matrix3, Vector3};
+
+/// The scans that can be registered.
+pub(crate) fn usable(scans: &[ScanInput<'_>], lengths: Lengths) -> Vec<ScanId> {
+    let is_usable = |&i: &usize| unusable(&scans[i], MIN_KEYPOINTS, lengths.voxel_m).is_none();
+    (0..scans.len()).filter(is_usable).map(ScanId).collect()
+}
 
 /// Why a scan cannot be registered at all, before anything is tried.
 ///

@@ -5,14 +5,16 @@ use crate::documents::{SCANS, SETTINGS, checksums};
 use crate::files::{self, gzip, npy, pcd, ply, ptx};
 use scanweave_core::descriptor::mini_spin_net;
 use scanweave_core::geometry::{Direction, Point, RigidMotion};
-use scanweave_core::io::{self, E57Scan, Held, PlyCloud, Summary};
+use scanweave_core::io::{
+    self, E57Scan, Held, PairShard, PairShardHeader, PlyCloud, ShardHypothesis, ShardPair, Summary,
+};
 use scanweave_core::nalgebra::{Matrix6, Vector3};
 use scanweave_core::result::{Component, Document, POSES_FORMAT, POSES_VERSION};
 use scanweave_core::result::{Row, RunReport, ScanSize, StageTime};
 use scanweave_core::retrieval::{self, DataSummary, DescriptorTag, HeadWeights, NetVladConfig};
 use scanweave_core::scan::{
-    DeclineReason, Descriptors, Features, NeighbourEvidence, Outcome, PairKey, PairRegistration, Placement,
-    Scan, ScanId, WorkingScale,
+    DeclineReason, Descriptors, Evidence, Features, NeighbourEvidence, Outcome, PairKey, PairRegistration,
+    Placement, Scan, ScanId, WorkingScale,
 };
 use scanweave_core::synchronization::LitsWeights;
 use scanweave_core::{Config, PointCloud, Reconstruction};
@@ -296,6 +298,27 @@ impl Seeds<'_> {
             (key(0, 1), (PairRegistration::default(), 0.0)),
         ]);
         self.written("kept-pairs", |path| io::write_pairs(path, SETTINGS, &pairs));
+        let hypothesis = |k: usize| ShardHypothesis {
+            first_from_second: motion(k),
+            evidence: Evidence::default(),
+            seen_through: [0.1, 0.2],
+        };
+        let pair = |scans: (usize, usize), hypotheses: usize| ShardPair {
+            scans,
+            matches: (0..3 * hypotheses as u32).map(|k| (k, 2 * k)).collect(),
+            hypotheses: (0..hypotheses).map(hypothesis).collect(),
+        };
+        let header = PairShardHeader {
+            program: "0.1.0".to_owned(),
+            shard: 0,
+            shards: 1,
+            settings: BTreeMap::from([("seed".to_owned(), "0".to_owned())]),
+            scans: 3,
+            content: "ab12".to_owned(),
+            planned: 3,
+        };
+        let shard = PairShard { header, pairs: vec![pair((0, 1), 2), pair((0, 2), 0), pair((1, 2), 1)] };
+        self.written("pair-shard", |path| io::write_pair_shard(path, &shard));
     }
 
     fn networks(&mut self) {

@@ -27,6 +27,7 @@ pub(super) mod config;
 mod cycles;
 mod edge;
 mod final_evidence;
+pub(super) mod first_round;
 mod loops;
 pub(crate) mod pairs;
 mod refinement;
@@ -39,27 +40,27 @@ pub use final_evidence::Finished;
 
 use super::config::{AgglomerativeConfig, RegistrationConfig, SurfaceVerification};
 use super::input::{Lengths, MIN_KEYPOINTS, ScanInput};
-use super::prior;
 use super::scan_model::ScanModel;
 use super::usability;
 use super::verification::verifier::Verifier;
 use crate::error::Result;
 use crate::monitor::Monitor;
 use crate::scan::{DeclineReason, Reconstruction, ScanId, SimilarityMatrix};
-use pairs::{PairScorer, ScanPair, ScoredPairs, most_similar_pairs, score_pairs};
+use first_round::planned_pairs;
+use pairs::{PairScorer, ScanPair, ScoredPairs, score_registered};
 use rayon::prelude::*;
 
-/// Registers all scans; see [`super::register`], which checked the arguments.
+/// Registers all scans; see [`super::register_from`], which checked the arguments.
 ///
 /// # Errors
 /// Only when the monitor is cancelled.
 pub(super) fn register(
     scans: &[ScanInput<'_>],
     similarity: &SimilarityMatrix,
-    config: &RegistrationConfig,
-    (settings, verification): (&AgglomerativeConfig, &SurfaceVerification),
+    (config, settings, verification): (&RegistrationConfig, &AgglomerativeConfig, &SurfaceVerification),
     lengths: Lengths,
     seed: u64,
+    first_round: Option<Vec<ScanPair>>,
     monitor: &dyn Monitor,
 ) -> Result<Reconstruction> {
     let mut refusals: Vec<Option<DeclineReason>> =
@@ -71,12 +72,15 @@ pub(super) fn register(
     models.iter_mut().zip(scans).for_each(|(model, scan)| model.prior = scan.prior);
     // 1, 2
     let scorer = PairScorer::new(scans, &config.estimator, seed);
-    let mut retrieved = most_similar_pairs(similarity, &usable, settings.neighbours);
-    retrieved.extend(prior::near_pairs(scans, &usable, settings.neighbours));
-    retrieved.sort_unstable();
-    retrieved.dedup();
+    let registered = match first_round {
+        Some(pairs) => pairs,
+        None => {
+            let planned = planned_pairs(scans, similarity, &usable, settings);
+            scorer.register(&planned, &Verifier::new(&models, verification, radius_m), monitor)?
+        }
+    };
     let ScoredPairs { pairs, aliasing, noise } =
-        score_pairs(&scorer, &retrieved, &mut models, verification, radius_m, monitor)?;
+        score_registered(registered, &mut models, verification, radius_m);
     let verifier = Verifier { aliasing, noise, ..Verifier::new(&models, verification, radius_m) };
     // 3
     let keypoints = scans.iter().map(|s| s.features.keypoints.as_slice()).collect();

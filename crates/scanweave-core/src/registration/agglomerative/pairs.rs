@@ -126,9 +126,17 @@ pub fn score_pairs(
     radius_m: f64,
     monitor: &dyn Monitor,
 ) -> Result<ScoredPairs> {
-    // 1
-    let mut pairs = scorer.register(retrieved, &Verifier::new(models, settings, radius_m), monitor)?;
-    // 2
+    let pairs = scorer.register(retrieved, &Verifier::new(models, settings, radius_m), monitor)?;
+    Ok(score_registered(pairs, models, settings, radius_m))
+}
+
+/// Step 2 of [`score_pairs`].
+pub(super) fn score_registered(
+    mut pairs: Vec<ScanPair>,
+    models: &mut [ScanModel<'_>],
+    settings: &SurfaceVerification,
+    radius_m: f64,
+) -> ScoredPairs {
     let sure = pairs.iter().filter_map(|pair| pair.if_sure_without_free_space(settings)).collect::<Vec<_>>();
     let reliability = probability::viewpoint_reliability(models.len(), &sure, settings);
     models.iter_mut().zip(reliability).for_each(|(model, r)| model.set_borne_out(r));
@@ -144,7 +152,7 @@ pub fn score_pairs(
     tracing::debug!("perceptual aliasing costs {aliasing:.2} of the log odds");
     let verifier = Verifier { aliasing, ..verifier };
     pairs.iter_mut().for_each(|pair| pair.rescore(&verifier));
-    Ok(ScoredPairs { pairs, aliasing, noise })
+    ScoredPairs { pairs, aliasing, noise }
 }
 
 /// What the best poses of pairs show of the sensor.

@@ -119,6 +119,7 @@ pub const DOCUMENTS: &[Document] = &[
     other("features-array", read_keypoint_array),
     other("keypoints-text", read_keypoint_text),
     other("kept-pairs", |place, bytes| io::read_pairs(&place.put("pairs.npz", bytes), SETTINGS).is_ok()),
+    other("pair-shard", |place, bytes| io::read_pair_shard(&place.put("pairs-0-of-1.npz", bytes)).is_ok()),
     other("head", |_, bytes| retrieval::Checkpoint::from_bytes(Path::new("head"), bytes).is_ok()),
     other("network", read_network),
     other("lits", |place, bytes| LitsWeights::load(&place.put("lits.safetensors", bytes)).is_ok()),
