@@ -12,7 +12,10 @@ set="$out/set/PointCloud"
 
 now() { date +%s.%N; }
 since() { awk -v a="$1" -v b="$(now)" 'BEGIN { printf "%.1f", b - a }'; }
-row() { echo "| $1 | $2 | $3 | $4 | $5 |"; }
+# Seconds of processors that all processes have taken that have ended: not those of Ray's workers.
+used() { times >"$out/times"; awk 'NR == 2 { gsub("s", ""); split($1, u, "m"); split($2, s, "m"); printf "%.1f", 60 * (u[1] + s[1]) + u[2] + s[2] }' "$out/times"; }
+more() { awk -v a="$1" -v b="$2" 'BEGIN { printf "%.1f", b - a }'; }
+row() { echo "| $1 | $2 | $3 | $4 | $5 | $6 |"; }
 same() {
     local file
     for file in poses.json merged.ply trajectory.log overlap.csv config.toml registration.html; do
@@ -28,24 +31,28 @@ shards() {
 }
 
 echo "$scans scans, $(nproc) cores"
-echo "| | describe, s | pairs, s | join, s | in all, s |"
-echo "|---|--:|--:|--:|--:|"
+echo "| | describe, s | pairs, s | join, s | in all, s | processors, s |"
+echo "|---|--:|--:|--:|--:|--:|"
 for threads in 1 2; do
     result="$out/one"
     [[ $threads == 1 ]] || result="$out/two-threads"
     start=$(now)
+    used >"$out/before"
     "$scanweave" register -q "$set" -o "$result" --threads "$threads"
-    row "one process, threads: $threads" "" "" "" "$(since "$start")"
+    used >"$out/after"
+    row "one process, threads: $threads" "" "" "" "$(since "$start")" "$(more "$(<"$out/before")" "$(<"$out/after")")"
     same "$result"
 done
 
 start=$(now)
+used >"$out/before"
 shards describe "$set" -o "$out/features"
 describe=$(since "$start") at=$(now)
 shards pairs "$set" --described "$out/features" -o "$out/pairs"
 pairs=$(since "$at") at=$(now)
 "$scanweave" register -q "$set" -o "$out/joined" --described "$out/features" --pairs "$out/pairs" --threads 1
-row "two shards, a thread each" "$describe" "$pairs" "$(since "$at")" "$(since "$start")"
+used >"$out/after"
+row "two shards, a thread each" "$describe" "$pairs" "$(since "$at")" "$(since "$start")" "$(more "$(<"$out/before")" "$(<"$out/after")")"
 same "$out/joined"
 
 if [[ -n "${PYTHON:-}" ]] && "$PYTHON" -c "import ray, scanweave" 2>/dev/null; then
@@ -68,7 +75,7 @@ scanweave.ray.register(
 end = time.perf_counter()
 described, paired = ends["shards of features"], ends["shards of pairs"]
 times = (described - start, paired - described, end - paired, end - start)
-print("| Ray, two workers |", " | ".join(f"{seconds:.1f}" for seconds in times), "|")
+print("| Ray, two workers |", " | ".join(f"{seconds:.1f}" for seconds in times), "| |")
 PY
     same "$out/ray"
 else
