@@ -106,8 +106,8 @@ pub fn viewpoint_reliability(scans: usize, sure: &[SurePair], settings: &Surface
 ///
 /// The plane residual counts as far as it differs from the collection's. What right poses violate of free space
 /// is spread about the collection's level e with the heavy tail of a density e^(k−1)/(v+e)^k, what wrong ones
-/// violate is spread whatever the sensor, so that the log odds hold −k ln(v+e) + (k−1) ln e: with the [`TAIL`] of k
-/// and r the ratio of e to what is usual, 0.01, that is −k times ln(v/r + 0.01) + 0.4 ln r. Both are as without a
+/// violate is spread whatever the sensor, so that the log odds hold −k ln(v+e) + (k−1) ln e: with k = 2.5, about the
+/// weight learned, and r the ratio of e to what is usual, 0.01, that is −k times ln(v/r + 0.01) + ln(r)/k. Both are as without a
 /// collection where its level is usual.
 ///
 /// Fewer than three inliers of the next hypothesis count as three: any three matches
