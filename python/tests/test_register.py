@@ -34,6 +34,41 @@ def test_a_room_is_placed_and_what_is_elsewhere_declined(result: scanweave.Resul
     assert judged.max_rotation_deg < 1 and judged.max_translation_m < 0.02
 
 
+def blocks(path: Path, rows: int) -> list[tuple[int, int, Any]]:
+    """Matrices of a Redwood log, each after a line that names its two scans."""
+    lines = path.read_text().splitlines()
+    numbers = [[float(word) for word in line.split()] for line in lines]
+    return [
+        (int(numbers[at][0]), int(numbers[at][1]), np.array(numbers[at + 1 : at + 1 + rows]))
+        for at in range(0, len(lines), rows + 1)
+    ]
+
+
+def test_recall_of_a_benchmark_is_that_of_its_protocol(result: scanweave.Result, room_folder: Path) -> None:
+    # Choi et al. 2015: the root mean square error of a pair by its information matrix, neighbours in time left out.
+    truths, information = blocks(room_folder / "gt.log", 4), blocks(room_folder / "gt.info", 6)
+    numbered = {int(name.rsplit("_", 1)[-1]): pose for name, pose in result.poses.items()}
+    errors = []
+    for (i, j, truth), (_, _, weight) in zip(truths, information):
+        one, other = numbered[i], numbered[j]
+        if j <= i + 1:
+            continue
+        if one is None or other is None:
+            errors.append(np.inf)
+            continue
+        off = np.linalg.inv(truth) @ np.linalg.inv(one) @ other
+        w = np.sqrt(max(1 + np.trace(off[:3, :3]), 0)) / 2
+        axis = np.array([off[2, 1] - off[1, 2], off[0, 2] - off[2, 0], off[1, 0] - off[0, 1]]) / (4 * w)
+        step = np.concatenate([off[:3, 3], axis])
+        errors.append(np.sqrt(step @ weight @ step / weight[0, 0]))
+    assert len(errors) > 2
+    for threshold in (0.2, float(np.median(errors))):
+        judged = scanweave.evaluate(result, room_folder, benchmark=room_folder, threshold_m=threshold + 1e-9)
+        assert judged.registration_recall == pytest.approx(np.mean(np.array(errors) <= threshold + 1e-9))
+    with pytest.raises(scanweave.ScanweaveError, match="gt.log"):
+        scanweave.evaluate(result, room_folder, benchmark=room_folder / "PointCloud")
+
+
 def test_poses_are_rigid_motions_from_scans_to_their_component(
     result: scanweave.Result, scans: list[scanweave.Scan]
 ) -> None:
@@ -186,6 +221,8 @@ def test_features_are_kept_for_the_next_call(scans: list[scanweave.Scan], tmp_pa
 def test_other_threads_run_meanwhile_and_ctrl_c_stops_the_work(room_folder: Path) -> None:
     script = f"""
 import os, signal, sys, threading, time, scanweave
+# A job in the background of a shell inherits that the signal is ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 scans = scanweave.read_scans({str(room_folder)!r})
 ticks = []
 def tick():
