@@ -244,6 +244,32 @@ mod tests {
     }
 
     #[test]
+    fn a_pose_is_judged_by_what_the_collection_shows() {
+        let noise = NoiseLevel { plane_residual: 0.3, free_space_violation: 0.025 };
+        let pose = |free_space_violation: f64| Evidence {
+            inliers: 30,
+            plane_residual: 0.35,
+            free_space_violation,
+            ..Evidence::default()
+        };
+        // 0.005 + 0.025 is three times 0.005 + 0.005.
+        let x = predictors(&pose(0.69), &noise);
+        assert_relative_eq!(x[4], 0.17 + 0.05, epsilon = 1e-12);
+        assert_relative_eq!(x[6], 0.21f64.ln() + 3f64.ln() / 2.5, epsilon = 1e-12);
+        assert_relative_eq!(x[8], 0.23 - 0.2, epsilon = 1e-12);
+        let x = predictors(&pose(0.06), &noise);
+        assert_relative_eq!(x[6], 0.03f64.ln() + 3f64.ln() / 2.5, epsilon = 1e-12);
+        assert_eq!(x[8], 0.0);
+        let usual = predictors(&pose(0.06), &USUAL);
+        assert_relative_eq!(usual[4], 0.35, epsilon = 1e-12);
+        assert_relative_eq!(usual[6], 0.07f64.ln(), epsilon = 1e-12);
+        let settings = SurfaceVerification::default();
+        let exceeds = |v: f64, noise: &NoiseLevel| exceeds_free_space_limit(&pose(v), &settings, noise);
+        assert_eq!([0.37, 0.38].map(|v| exceeds(v, &noise)), [false, true]);
+        assert_eq!([0.12, 0.13].map(|v| exceeds(v, &USUAL)), [false, true]);
+    }
+
+    #[test]
     fn rivals_share_the_odds() {
         assert_relative_eq!(among_rivals(0.9, [].into_iter()), 0.9);
         // 99 : 1 against 9 : 1 is ambiguous no more, 53 : 1 is.
